@@ -1,4 +1,4 @@
-"""Lets a system start work at one event, a capture, and show the result at a later release."""
+"""Periodic work of a system: a capture starts the work, and a later release shows its result."""
 
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -16,10 +16,10 @@ Work = Callable[[], Any]
 
 
 class CaptureAndRelease:
-    """Adds periodic work to a system: a capture starts it, and a later release shows its result.
+    """Adds periodic work to a system, at the times that a `CaptureTiming` decides.
 
-    Captures and releases are unrestricted updates; a `CaptureTiming` decides when they happen. All
-    state is in the context.
+    A capture starts work, and a later release shows its result. Captures and releases are
+    unrestricted updates. All state is in the context.
 
     Attributes:
         tickets: The prerequisites of output ports that use `result` or `capture_time`.
@@ -64,7 +64,7 @@ class CaptureAndRelease:
             system.DeclarePeriodicUnrestrictedUpdateEvent(*timing.release_event, self._release)
 
     def result(self, context: Context) -> Any:
-        """Returns the last released result; `nothing` before the first release."""
+        """Returns the last released result; before the first, the constructor's `nothing`."""
         return context.get_abstract_state(self._released).get_value().result.result()
 
     def capture_time(self, context: Context) -> float:
@@ -82,7 +82,7 @@ class CaptureAndRelease:
     def close(self) -> None:
         """Finishes the work in progress, cancels queued work and ends the thread.
 
-        No capture may follow.
+        Later captures that need the thread raise `StationError`.
         """
         if self._background is not None:
             self._background.close()

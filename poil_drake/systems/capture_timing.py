@@ -16,7 +16,7 @@ _SAME = 1e-6
 """Event times closer than this fraction of a period are the same instant."""
 
 _ROUNDING = 1e-6
-"""Recorded times closer than this [s] are the same instant. It is far below a control period."""
+"""Recorded times closer than this [s] are the same instant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class CaptureTiming(ABC):
     def added(self, queue: Queue, time: float, result: Future[Any]) -> Queue:
         """Returns the queue with a new capture at `time` [s], whose work has the future `result`.
 
-        Drops all captures before the one that is due, because they will not be released any more.
+        Drops the captures before the one that is due at `time`: they will never be released.
         """
         due = self.due(queue, time)
         kept = queue if due is None else queue[queue.index(due) :]
@@ -132,7 +132,7 @@ class SimulatedDelay(CaptureTiming):
 
 @dataclass(frozen=True, kw_only=True)
 class Worker(CaptureTiming):
-    """Captures once the last result is ready, and releases a result when it is ready; never waits.
+    """Captures only once the last result is ready; releases results when ready; never waits.
 
     It suits hardware, where the loop must not be delayed. Frames that arrive while the work is in
     progress are skipped.
@@ -169,8 +169,8 @@ class RecordedTiming(CaptureTiming):
     Attributes:
         captured: When each capture happened [s], ascending.
         released: (time of the release, time of its capture) [s], in order of release. A capture
-            may have no release. A release of a capture that is not in `captured` shows nothing,
-            because a recording may begin between the two.
+            may have no release. A release whose capture is not in `captured`, e.g. because it
+            preceded the recording, has no effect.
         period: Time between checks for a due capture or release [s]: the control period.
         offset: Time of the first check for a capture [s]; checks for releases start at 0.
     """

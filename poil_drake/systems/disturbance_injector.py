@@ -45,8 +45,8 @@ class Pulse:
 def half_sine(time: float, start: float, duration: float) -> float:
     """Returns the strength of a pulse at `time` [s], as a fraction of its peak.
 
-    It is half a period of a sine, which begins at `start` [s] and lasts for `duration` [s], and
-    zero before and after.
+    The pulse is half a period of a sine. It begins at `start` [s] and lasts for `duration` [s];
+    before and after the pulse, the strength is zero.
     """
     phase = (time - start) / duration
     return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0

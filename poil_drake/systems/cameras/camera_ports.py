@@ -65,7 +65,7 @@ class CameraPorts:
     def labels_empty(self, context: Context) -> bool:
         """Returns whether any connected label image is empty.
 
-        A source that labels only some of its images sends an empty label image with the rest.
+        A source that labels only some of its images sends empty label images with the others.
         """
         if not self._with_labels:
             return False
@@ -109,7 +109,7 @@ class CameraPorts:
         return copied_image(rgba, depth, label, stamp=float(stamp))
 
     def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
-        """Returns Drake's array (H, W, channels) of an image; None if the port is not connected."""
+        """Returns the array (H, W, channels) of the image at a port; None if not connected."""
         port = self._system.GetInputPort(port_name)
         return port.Eval(context).data if port.HasValue(context) else None
 

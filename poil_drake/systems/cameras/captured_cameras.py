@@ -24,7 +24,7 @@ class NewestImage(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class _Shown(SharedOnCopy):
-    """An image and its capture time in the context's time [s]; None and NaN without an image."""
+    """An image and its capture time in the context's time [s]; None and NaN before the first."""
 
     image: RgbdImage | None = None
     time: float = np.nan

@@ -23,7 +23,7 @@ class SceneRenderer(Protocol):
 
         Args:
             positions: The plant's generalised positions (nq,).
-            time: The time [s], which seeds the noise.
+            time: The time of the capture [s], which also seeds the noise.
         """
         ...
 
@@ -125,7 +125,7 @@ class DelayedCameras(LeafSystem):
             self._declare_outputs(view, camera.name)
 
     def close(self) -> None:
-        """Ends the rendering thread. No capture may follow."""
+        """Ends the rendering thread. Later captures raise `StationError`."""
         self._rendered.close()
 
     def _declare_outputs(self, view: int, name: str) -> None:

@@ -9,7 +9,7 @@ from poil_drake.perception.depth_noise import StereoDepthNoiseConfig, apply_ster
 
 
 class DepthNoiseSystem(LeafSystem):
-    """Adds a stereo camera's errors to a depth image; invalid pixels become 0.
+    """Adds a stereo camera's errors to a depth image.
 
     .. pydrake_system::
 
@@ -19,9 +19,8 @@ class DepthNoiseSystem(LeafSystem):
         output_ports:
         - noisy_depth_image
 
-    Both ports carry ImageDepth32F [m]. The noise depends on the image, the seed, the camera's index
-    and the time. The output is computed when evaluated, so it is never stale; NaN and infinite
-    depths become 0.
+    Both ports carry ImageDepth32F [m]. The output depends on the input image, the seed, the
+    camera's index and the time. Invalid depths (NaN, infinite or negative) become 0.
     """
 
     def __init__(
@@ -53,7 +52,7 @@ class DepthNoiseSystem(LeafSystem):
         )
 
     def noisy(self, depth: np.ndarray, time: float) -> np.ndarray:
-        """Returns a depth image (H, W) [m] with the errors at a time [s]."""
+        """Returns `depth` (H, W) [m] with the camera's errors at `time` [s]."""
         microseconds = max(0, round(time * 1e6))
         return apply_stereo_depth_noise(
             depth, self._config, (self._seed, self._camera_index, microseconds)

@@ -76,9 +76,11 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     try:
         array = lcmt_image_array.decode(message)
     except (ValueError, struct.error, UnicodeDecodeError) as error:
-        raise _unusable(f"its {len(message)} bytes are no lcmt_image_array ({error})") from error
+        raise _unusable(
+            f"the message's {len(message)} bytes are no lcmt_image_array ({error})"
+        ) from error
     if len(array.images) > _MOST_IMAGES:
-        raise _unusable(f"it holds {len(array.images)} images, more than {_MOST_IMAGES}")
+        raise _unusable(f"the message has {len(array.images)} images, more than {_MOST_IMAGES}")
     rgb = depth = label = None
     for image in array.images:
         if image.pixel_format in _COLOUR:
@@ -90,7 +92,7 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
         elif image.pixel_format == lcmt_image.PIXEL_FORMAT_LABEL:
             label = _pixels(image, size, 1)[:, :, 0].astype(np.int16)
     if rgb is None or rgb.dtype != np.uint8 or depth is None:
-        raise _unusable(f"it holds no {'depth' if depth is None else '8-bit colour'} image")
+        raise _unusable(f"the message has no {'depth' if depth is None else '8-bit colour'} image")
     return RgbdImage(rgb=rgb, depth=depth, stamp=1e-6 * array.header.utime, label=label)
 
 
@@ -107,7 +109,7 @@ def _image(pixels: np.ndarray, pixel_format: int, channel_type: int) -> lcmt_ima
 
 
 def _pixels(image: Any, size: tuple[int, int], channels: int) -> np.ndarray:
-    """Returns the (H, W, channels) pixels of one image of a message."""
+    """Returns the pixels (H, W, channels) of one image of a message; `size` is (H, W)."""
     height, width = size
     if (image.height, image.width) != size:
         raise _unusable(
@@ -147,8 +149,8 @@ def _decompressed(image: Any, shape: tuple[int, int, int], dtype: np.dtype) -> n
     # Before decoding: a few bytes may decode to very many pixels.
     said = _encoded_size(image.data)
     if said != shape[:2]:
-        found = "no readable size" if said is None else f"{said[1]} x {said[0]} pixels"
-        raise _unusable(f"a JPEG or PNG image has {found}; it must be {shape[1]} x {shape[0]}")
+        found = "an unreadable size" if said is None else f"{said[1]} x {said[0]} pixels"
+        raise _unusable(f"a JPEG or PNG image has {found}, not {shape[1]} x {shape[0]}")
     try:
         pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:

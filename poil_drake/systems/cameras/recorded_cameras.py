@@ -24,8 +24,8 @@ class RecordedCamera:
         stamps: Capture time of each image [s].
         read: Returns the image with a given index.
         labels: Whether any of the images have labels.
-        times: (T, 1) series of the capture time of the newest image [s], which counts images that
-            were not recorded; None: it is always the current time, as for a simulated camera
+        times: The recorded `image_time` [s] as a series (T, 1), which also covers images that the
+            run did not record. None: `image_time` is the current time, as for a simulated camera
             without a delay.
     """
 
@@ -50,8 +50,8 @@ class RecordedCameras(LeafSystem):
         - <camera>.image_time
 
     The outputs are those of `CapturedCameras`, as functions of time; before the first image, images
-    are empty and times NaN. An image is decoded when a port is evaluated. An image that was not
-    recorded changes `image_time` (1,) [s] only.
+    are empty and times NaN. An image is decoded when a port is evaluated. When the run did not
+    record an image, `image_time` changes, but the image ports keep the last recorded image.
     """
 
     def __init__(self, *, cameras: Sequence[RecordedCamera]):
@@ -85,7 +85,7 @@ def _shown(camera: RecordedCamera, time: float) -> int:
 
 
 def _image_time(camera: RecordedCamera, time: float) -> float:
-    """Returns the capture time [s] of the newest image known at a time [s]."""
+    """Returns the value of `image_time` [s] at a time [s]."""
     if camera.times is None:
         return time
     index = _shown(camera, time)

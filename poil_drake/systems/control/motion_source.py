@@ -18,12 +18,11 @@ JOINT_GAIN = 4.0
 """Feedback gain along joint trajectories [1/s]."""
 
 _JOINT_TOLERANCE = 0.02
-"""A joint motion is not done while a joint is farther than this from the motion's end [rad], as in
-an arm that was held up."""
+"""A joint motion is done only if each joint is within this distance of the motion's end [rad]."""
 
 
 class MotionSource(LeafSystem):
-    """Sends joint motions, straight motions or the controller's field to the arm, by phase.
+    """Selects a joint motion, a straight motion or the controller's twist for the arm, by phase.
 
     .. pydrake_system::
 
@@ -41,16 +40,16 @@ class MotionSource(LeafSystem):
         - motion_done
 
     Inputs: the `Phase` and its start [s], the measured joint positions (7,) [rad], the gripper's
-    pose (16,) X_WG row-major, the field's twist (6,), and the result (7,) [rad/s] of the inverse
-    kinematics. A twist is (ω [rad/s], v [m/s]) of the gripper in the world. Outputs:
+    pose (16,) X_WG row-major, the controller's twist (6,), and the velocities (7,) [rad/s] from the
+    inverse kinematics. A twist is (ω [rad/s], v [m/s]) of the gripper in the world. Outputs:
 
-    - `spatial_velocity` (6,): the twist for the inverse kinematics. It is the field's while
-      following, a straight motion while lifting (up) and retreating (back along the approach axis),
-      and zero otherwise.
-    - `velocity` (7,) [rad/s], for the supervisor: the trajectory with feedback in the approach and
-      the descent, `ik_velocity` in the phases with a twist, and zero otherwise.
-    - `motion_done` (1,): 1 once the straight or joint motion of the phase has ended and, after a
-      joint motion, the arm has arrived; 0 otherwise.
+    - `spatial_velocity` (6,): the twist for the inverse kinematics. It is `field_velocity` in
+      FOLLOW, a straight motion in LIFT (upwards) and RETREAT (along the gripper's -z axis), and
+      zero in other phases.
+    - `velocity` (7,) [rad/s], for the safety supervisor: follows a joint trajectory with feedback
+      in APPROACH and DESCEND, is `ik_velocity` in phases with a twist, and zero in other phases.
+    - `motion_done` (1,): 1 once the duration of the phase's straight or joint motion is over and,
+      for a joint motion, the arm has arrived; 0 otherwise.
 
     A straight motion starts with the first update in its phase, which latches the gripper's pose;
     until then its twist and `motion_done` are zero. A NaN in `ik_velocity` is passed on, so that
@@ -73,7 +72,7 @@ class MotionSource(LeafSystem):
         Args:
             approach: Motion from the start to the pre-grasp.
             descent: Motion from the pre-grasp to the grasp.
-            lift_distance: Height by which the arm lifts the object before it follows the field [m].
+            lift_distance: Height by which the arm lifts the object [m].
             retreat_distance: Distance by which the gripper retreats after release [m].
             straight: Speed and gain of the lift and the retreat.
             period: The control period [s].
@@ -108,7 +107,7 @@ class MotionSource(LeafSystem):
         )
 
     def _phase_now(self, context: Context) -> Phase:
-        """Returns the phase; WAIT, in which nothing moves, if it or its start is unknown."""
+        """Returns the phase, or WAIT if an input `phase` or `phase_start` is not finite."""
         phase = self._phase.Eval(context)[0]
         known = math.isfinite(phase) and math.isfinite(self._start.Eval(context)[0])
         return Phase(int(phase)) if known else Phase.WAIT
@@ -124,7 +123,7 @@ class MotionSource(LeafSystem):
             discrete_state.set_value(np.r_[phase, gripper])
 
     def _latched(self, context: Context, phase: Phase) -> np.ndarray | None:
-        """Returns the gripper's pose (4, 4) at the start of the phase; None before it is known."""
+        """Returns the gripper's pose (4, 4) latched in this phase; None before it is latched."""
         latched = context.get_discrete_state_vector().value()
         return latched[1:].reshape(4, 4) if latched[0] == phase else None
 

@@ -35,11 +35,10 @@ class PointSetBcsdmConfig:
     Attributes:
         bcsdm: Parameters of the velocity field.
         max_angular_speed: Largest angular speed of the hand and the object [rad/s].
-        max_linear_speed: Largest speed of the gripper and of the points' centroid [m/s]; an object
-            held by its rim slips at much higher speeds.
+        max_linear_speed: Largest speed of the gripper and of the points' centroid [m/s].
         workspace_lower: Lower corner of the workspace [m, world]. Points outside the workspace
-            count as tracking errors. The table top is at z = 0, but depth cameras err by a few
-            centimetres.
+            are ignored as tracking errors. Its bottom is below the table top (z = 0), because depth
+            cameras err by a few centimetres.
         workspace_upper: Upper corner of the workspace [m, world]; the Panda reaches 0.855 m.
     """
 
@@ -56,7 +55,7 @@ class ControllerAnswer(NamedTuple):
     Attributes:
         V_WG: (6,) (ω [rad/s], v [m/s]) of the gripper frame, in the world.
         status: The controller's status.
-        output: The field's output.
+        output: The velocity field at the points.
     """
 
     V_WG: np.ndarray
@@ -67,7 +66,7 @@ class ControllerAnswer(NamedTuple):
 def confidence_in_workspace(
     points: np.ndarray, confidence: np.ndarray, config: PointSetBcsdmConfig
 ) -> np.ndarray:
-    """Returns the confidence (N,) of points (N, 3) [m, world], zero outside the workspace."""
+    """Returns `confidence` (N,), but zero for `points` (N, 3) [m, world] outside the workspace."""
     inside = (points >= config.workspace_lower) & (points <= config.workspace_upper)
     return confidence if inside.all() else np.where(inside.all(axis=1), confidence, 0.0)
 
@@ -82,8 +81,8 @@ def gripper_velocity(
 ) -> ControllerAnswer:
     """Returns the gripper's spatial velocity that drives the points along the reference.
 
-    One factor scales the twist of the points about their centroid to the speed limits. The twist is
-    then shifted through the rigid grasp to the gripper frame's origin, and scaled once more.
+    The field gives a twist of the object at the points' centroid. The twist is scaled to the speed
+    limits, shifted to the gripper frame's origin, and scaled again. Scaling keeps its direction.
 
     Args:
         points: (N, 3) positions [m, world]; NaN where not observed.
@@ -91,8 +90,8 @@ def gripper_velocity(
         X_WG: (4, 4) pose of the gripper frame.
         reference: The reference motion of the same points.
         config: The field and the limits.
-        previous_tau: Time of the closest configuration in the last period [s], for the field's
-            progress window; None for no window.
+        previous_tau: The field's `tau` [s] in the last period, for the progress window of
+            `BcsdmConfig`; None for no window.
     """
     confidence = confidence_in_workspace(points, confidence, config)
     output = point_set_bcsdm(points, reference, config.bcsdm, confidence, previous_tau)
@@ -147,13 +146,15 @@ class PointSetBcsdm(LeafSystem):
     - `status` (1,): a `ControllerStatus`.
     - `target_points` (3N,): the closest configuration, row-major [m, world].
 
-    With fewer than 3 non-collinear points that are finite, inside the workspace and of positive
-    confidence (as before the first track, and once the last track is stale), the velocity is zero,
-    the status is LOST and the other outputs are NaN. Otherwise, while `reference` is `ABSENT`, the
-    velocity is zero, the status is HOLDING, and the other outputs refer to the constructor's
-    reference. Otherwise, while the gripper pose is not finite, the velocity is zero and the status
-    is INVALID_INPUT. The system has state only if the field has a progress window: the last finite
-    `tau` and the reference it belongs to, which are kept while `reference` is `ABSENT`.
+    The velocity is zero in three cases. The first that applies determines the status:
+
+    - LOST: there are no 3 non-collinear points that are finite, inside the workspace and of
+      positive confidence, e.g. before the first track. The other outputs are NaN.
+    - HOLDING: `reference` is `ABSENT`. The other outputs refer to the constructor's reference.
+    - INVALID_INPUT: the gripper pose is not finite.
+
+    The system has state only if the field has a progress window: the last finite `tau` and its
+    reference, which are kept while `reference` is `ABSENT`.
     """
 
     def __init__(

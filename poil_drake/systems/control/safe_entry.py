@@ -26,21 +26,19 @@ class SafeEntry(LeafSystem):
 
     Inputs: `points` (3N,) row-major [m, world], NaN where not observed, and `confidence` (N,).
     Points outside the controller's workspace are ignored. The mathematics is in `safe_entry_step`,
-    which runs once per period, in an unrestricted update. The controller follows a new plan at
-    once. Until its next update it remembers no closest configuration on that plan, so it searches
-    the whole plan. Planning happens within the update and blocks the loop: for tens of milliseconds
-    if there is a path, for a few seconds if there is none.
+    which runs once per period, in an unrestricted update. Planning blocks the update: for tens of
+    milliseconds if there is a path, for a few seconds if there is none.
 
     Every output is a function of the state alone:
 
-    - `reference`: a `PointTrajectory` for the input `reference` of a `PointSetBcsdm` that uses the
-      planner's field. Each plan is a new object. `reference` is `ABSENT` while the object should
-      rest: before three points have been observed, while the object is off its path, and while
-      there is no path.
+    - `reference`: a `PointTrajectory` for the port `reference` of a `PointSetBcsdm`, whose
+      `BcsdmConfig` must be the planner's. Each plan is a new object. `reference` is `ABSENT` while
+      the object should rest: before three points have been observed, while the object is off its
+      path, and while there is no path.
     - `status` (1,): an `EntryStatus`; WAITING before three points have been observed. While the
       status is FAILED and the config's fallback is "field", `reference` is the demonstration.
 
-    Points that are lost, stale or NaN later leave both outputs unchanged.
+    When points become lost, stale or NaN, `reference` and `status` stay unchanged.
     """
 
     def __init__(

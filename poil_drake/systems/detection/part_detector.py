@@ -23,13 +23,13 @@ from poil_drake.systems.statuses import DetectorStatus
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Detection(SharedOnCopy):
-    """The result of the latest search. The default values mean that there was none yet.
+    """The result of the latest search. The default values mean that no search has ended.
 
     Attributes:
         status: Whether the part was found.
         request: The value of the port `request` that the search answers; minus infinity before the
             first search.
-        masks: Masks of the object and its part in each view; None until the part is first found.
+        masks: Masks of the object and its part in each image; None until the part is first found.
         cloud: The part's points [m, world]; None until the part is first found.
     """
 
@@ -67,7 +67,7 @@ class PartDetector(LeafSystem):
       new object, so consumers can compare by identity.
     - `status` (1,): a `DetectorStatus`; WAITING before the first result. After a failed search it
       is NOT_FOUND, while `part_cloud` and `masks` keep what was found earlier.
-    - `frame`: the `MultiViewFrame` of the last search; `ABSENT` before the first.
+    - `frame`: the `MultiViewFrame` of the last capture; `ABSENT` before the first.
     - `times` (3,) [s]: the time of the last capture, the time of the last release, and the capture
       time of the last released result; minus infinity until known.
     """
@@ -88,13 +88,13 @@ class PartDetector(LeafSystem):
 
         Args:
             detector: Finds the part in a frame.
-            cameras: The cameras' models, in the order of the views.
+            cameras: The cameras' models, in the order of the frames' images.
             object_label: The object to find, e.g. "mug".
             part_label: The object's functional part, e.g. "handle".
             timing: When frames are captured and results released; None: frames are captured at
                 multiples of 1/8 s, and results are released immediately.
             label_ids: The meaning of the labels (see `MultiViewFrame`); None: no label ports.
-            fusion: How views are merged into a cloud; None: the default settings.
+            fusion: How images are merged into a cloud; None: the default settings.
             stopwatch: Records the time of captures ("capture") and of searches ("detection").
         """
         super().__init__()
@@ -126,7 +126,7 @@ class PartDetector(LeafSystem):
         self._detections.DeclareTimesPort()
 
     def close(self) -> None:
-        """Finishes the search in progress and ends its thread. No search may follow."""
+        """Finishes the search in progress. Later captures raise `StationError`."""
         self._detections.close()
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:

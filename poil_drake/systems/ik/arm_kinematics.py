@@ -19,12 +19,12 @@ class ArmKinematics:
     """The arm's joints and its gripper frame G in a finalized plant.
 
     The class has no state. Its methods compute in `scratch`, a context of the plant that a system
-    keeps in a cache entry of its own context (see `declare_scratch`). The kinematics is Drake's
-    rather than `PandaModel`'s, so that poses equal those of the simulated plant to the last bit.
+    keeps in a cache entry of its own context (see `declare_scratch`). They use Drake instead of
+    `PandaModel`, so that poses equal those of the simulated plant to the last bit.
 
     Attributes:
         num_joints: The number of the arm's joints, n.
-        joint_limits: The limits of these joints.
+        joint_limits: The limits of the arm's joints.
     """
 
     def __init__(self, *, plant: MultibodyPlant, frame: Frame, joint_names: Sequence[str]):

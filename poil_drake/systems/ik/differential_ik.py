@@ -15,10 +15,10 @@ from poil_drake.systems.ik.arm_kinematics import ArmKinematics, MakePandaKinemat
 from poil_drake.systems.statuses import IkStatus
 
 _STUCK_SCALE = 0.02
-"""The arm is stuck if it can achieve less than this fraction of the twist."""
+"""The status is STUCK if the arm can achieve less than this fraction of the twist."""
 
 _FULL_SCALE = 0.99
-"""The arm follows the twist if it achieves at least this fraction of it."""
+"""The status is LIMITED if the arm achieves less than this fraction of the twist."""
 
 
 class DifferentialInverseKinematics(LeafSystem):
@@ -82,7 +82,7 @@ class DifferentialInverseKinematics(LeafSystem):
         posture = self._config.nominal_posture
         if n > 7:
             raise InvalidValueError(
-                f"The arm has {n} joints.", remedy="Use an arm with at most 7 joints."
+                f"The arm has {n} joints, more than 7.", remedy="Use an arm with at most 7 joints."
             )
         if len(posture) != n:
             raise InvalidValueError(

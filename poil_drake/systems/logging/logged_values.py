@@ -13,7 +13,7 @@ ROBOT_MODES = {int(mode): mode.name.lower() for mode in RobotMode}
 
 
 def meaning(texts: Mapping[int, str], number: float) -> str:
-    """Returns a number's entry in `texts`, or its digits without one; "unknown" if not finite."""
+    """Returns the text of a number; its digits if it has no text, "unknown" if it is not finite."""
     return texts.get(int(number), str(int(number))) if np.isfinite(number) else "unknown"
 
 
@@ -24,7 +24,7 @@ def applied_forces(
 
     Args:
         forces: The plant's externally applied forces.
-        body_names: The names of the plant's bodies, by index.
+        body_names: The names of the plant's bodies, by body index.
     """
     names = dict(enumerate(body_names))
     return [

@@ -35,7 +35,7 @@ _JOINT_STATES = {
     "effort": "panda.torque_external",
 }
 _JOINT_COMMANDS = {"position": "panda.position_commanded", "velocity": "panda.velocity"}
-"""Fields of logged joint states and joint commands -> the input ports of their values."""
+"""Fields of a logged joint command -> the input ports of their values, as in `_JOINT_STATES`."""
 
 
 class McapLogger(LeafSystem):
@@ -75,24 +75,24 @@ class McapLogger(LeafSystem):
       whose stamp is new;
     - `tracker.times` and `detector.times` (3,) [s], each with the port `tracker.status` or
       `detector.status`, if one of the values has changed;
-    - the measured joint positions [rad], velocities [rad/s] and external torques [N m] (J,), and
-      `panda.velocity`, the commanded joint velocities [rad/s], with the commanded positions;
+    - the measured and commanded joint positions [rad] and velocities [rad/s] (J,), and the external
+      torques [N m] (J,); commands only if `panda.velocity` is connected;
     - `panda.status` (3,): the robot's mode, the age of its status [s] and the share of commands
-      that arrive in time; with `clock` (1,), the clock's time [s] at the supervisor's last update;
-    - `phase` (1,), if it has changed, with the reason, which depends on `fault` (1,);
+      that arrive in time; with `clock` (1,), the supervisor's output `updated_at` [s];
+    - `phase` (1,), if it has changed, with the reason why it began, which depends on `fault` (1,);
     - `stop` (1,), the number of requests to stop, if it has changed;
-    - the status topic `hand`, and the topic `cameras` if one of its times has changed.
+    - the topic `hand` of `statuses`, and the topic `cameras` if one of its times has changed.
 
     These inputs are logged every `period`:
 
     - `points` and `target_points` (3N,) row-major [m, world], with `confidence` (N,);
     - `gripper_pose` (16,), X_WG row-major; `spatial_velocity` (6,), (ω [rad/s], v [m/s]);
-    - all status topics but `hand`, each with one (1,) port per field;
+    - all topics of `statuses` but `hand`, each with one (1,) port per field;
     - `applied_spatial_force`, the plant's external forces, while there are any and when they end.
 
     Every port is optional. Tracked points, times and frames are logged from the first one on, and a
-    gripper pose only if it is finite. NaN in other signals is logged as NaN. Periodic and forced
-    publish events write everything, so a sample shows the state at the end of its step.
+    gripper pose only if it is finite. NaN in other signals is logged as NaN. Publish events write
+    the samples, so a periodic sample shows the state before the updates at its time.
 
     The code that opened the log must close it after the run.
     """
@@ -121,18 +121,17 @@ class McapLogger(LeafSystem):
             joint_names: The arm's joints.
             phase_names: The phases' names, by index.
             phase_reason: Returns why a phase begins, given the indices of the phase and the fault.
-            body_names: The names of the plant's bodies, by index.
-            statuses: Topic -> names of its scalar fields. The ports are named
-                "<topic>.<field>", the log's topics "/<topic>/status".
-            texts: "<topic>.<field>" -> the meanings of its numbers, written beside them as
-                "<field>_text".
+            body_names: The names of the plant's bodies, by body index.
+            statuses: Topic -> names of its scalar fields. Each field gets a port "<topic>.<field>".
+                The log's topic is "/<topic>/status".
+            texts: "<topic>.<field>" -> number -> text. The log gets the text of the field's number
+                as "<field>_text".
             reference: The controller's reference; all its samples are written once, at the start.
             period: Time between samples [s].
             robot_period: Time between samples of the robot's signals [s]; None: `period`. A replay
                 needs these signals at the control period, and recomputes the rest from them.
-            robot_offset: Time of the first sample of the robot's signals [s]. With an offset of one
-                time step of the plant, a sample shows what the controller saw at the beginning of
-                its period.
+            robot_offset: Time of the first sample of the robot's signals [s]. If this is one time
+                step of the plant, a sample shows what the controller read at the start of a period.
         """
         super().__init__()
         self._log, self._reference = log, reference
@@ -183,7 +182,7 @@ class McapLogger(LeafSystem):
         return port.Eval(context) if port is not None and port.HasValue(context) else None
 
     def _is_new(self, key: str, value: object) -> bool:
-        """Returns whether a value differs from the value in the last call with the same key."""
+        """Returns whether `value` differs from that of the last call with the same `key`."""
         if self._written.get(key) == value:
             return False
         self._written[key] = value
@@ -213,7 +212,7 @@ class McapLogger(LeafSystem):
         self._write_disturbances(context)
 
     def _write_frame(self, context: Context, port: str) -> None:
-        """Writes those images, calibrations and labels of a frame that are new."""
+        """Writes the images, calibrations and labels of a frame that are not in the log yet."""
         frame, time, log = self._value(context, port), context.get_time(), self._log
         if not isinstance(frame, MultiViewFrame) or not self._is_new(port, frame.stamp):
             return
@@ -258,7 +257,7 @@ class McapLogger(LeafSystem):
         self._write_changed(context, topic, values)
 
     def _write_image_times(self, context: Context) -> None:
-        """Writes the image times between the periodic samples if a new image has arrived."""
+        """Writes the cameras' image times if a new image has arrived."""
         fields = self._statuses.get(_CAMERAS, ())
         found = [self._value(context, f"{_CAMERAS}.{field}") for field in fields]
         times = np.array([value[0] for value in found if value is not None])

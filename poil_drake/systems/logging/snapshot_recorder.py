@@ -26,7 +26,7 @@ class Snapshot:
         camera: The camera.
         rgb: (H, W, 3) uint8 colour.
         points: (N, 3) the tracked points [m, world]; NaN where not observed.
-        target_points: (N, 3) their targets on the reference [m, world]; NaN where unknown.
+        target_points: (N, 3) the points' targets on the reference [m, world]; NaN if unknown.
     """
 
     time: float
@@ -75,7 +75,7 @@ class SnapshotAlbum:
         return (*self._snapshots, self._last)
 
     def nearest_to(self, times: Sequence[float]) -> tuple[Snapshot, ...]:
-        """Returns the kept snapshot nearest to each time [s], in order and without duplicates."""
+        """Returns the kept snapshot nearest to each time [s], in the album's order, each once."""
         kept = self.snapshots
         if not kept:
             return ()
@@ -97,7 +97,7 @@ class SnapshotRecorder(LeafSystem):
     `frame` is an abstract `MultiViewFrame`, or any other value before the first. `tracked_points`
     are `TrackedPoints`; they arrive later than their frame, and have the same stamp. There are no
     outputs. Periodic updates store the camera's images in the context. Periodic publish events add
-    an image to the album once its points arrive. Lost points are NaN.
+    an image to the album once its points arrive; a snapshot's lost points are NaN.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class SnapshotRecorder(LeafSystem):
         Args:
             album: Where the snapshots go.
             camera: The first of the frames' cameras. Only its images are kept.
-            reference: The reference of the N points; its closest configuration gives their targets.
+            reference: The reference motion, whose closest configuration gives the points' targets.
             period: Period of the updates and publish events [s], e.g. the tracker's.
             offset: Time of the first of these events [s], e.g. the control period. An event at the
                 time of a capture would still see the previous frame.

@@ -32,25 +32,25 @@ class FkPropagator(LeafSystem):
         - object_motion
 
     X_M is the object's motion since the start. It follows the gripper frame while `holding`
-    exceeds 0.5 and rests otherwise. A point that the tracker observed at t_c is now at
+    exceeds 0.5, and is constant otherwise. A point p that the tracker observed at t_c is now at
     X_M(t) X_M(t_c)^-1 p(t_c), so that latency costs no accuracy while the grasp is rigid. Every
     output is discrete state, updated at the control period; there is no direct feedthrough.
 
     - `points` (3N,) row-major [m, world]: NaN before the first track, and for points that the last
       track did not observe.
-    - `confidence` (N,): that of the track; zero before the first track and when `age` exceeds
-      `max_age`.
+    - `confidence` (N,) of the points in the last track; zero before the first track and when `age`
+      exceeds `max_age`.
     - `age` (1,) [s]: time since the capture of the last track; infinite before the first track.
     - `gripper_pose` (16,) X_WG row-major: at the last finite joint positions; NaN before the first.
     - `object_motion` (16,) X_M row-major at `image_time` (1,) [s], the capture time of the images
-      that the tracker processes next, or X_M now while `image_time` is not connected or NaN. It is
-      the identity before the first grasp, and NaN if the images are older than the history.
+      that the tracker processes next; the present X_M while `image_time` is not connected or NaN.
+      It is the identity before the first grasp, and NaN if the images are older than `history`.
 
     `position_measured` (n,) [rad] holds the arm's joint positions. The system accepts a track if
     its stamp is newer than that of the last accepted track and at least one point was observed.
-    While the object is lost, the system thus propagates the last accepted track, up to `max_age`.
-    While the joint positions are not finite, X_M does not change and `age` grows. A NaN in
-    `holding` means not holding.
+    While the object is lost, the system propagates the last accepted track, whose confidence
+    becomes zero after `max_age`. While the joint positions are not finite, X_M does not change and
+    `age` grows. A NaN in `holding` means not holding.
     """
 
     def __init__(
@@ -69,9 +69,9 @@ class FkPropagator(LeafSystem):
             num_points: The number of tracked points, N.
             kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
-            max_age: Age beyond which points have no confidence [s]: several periods of the tracker
-                and its latency, yet short enough that slip in the hand matters little.
-            history: How far back X_M is stored, for late tracks [s]; None for `max_age`.
+            max_age: Age beyond which points have no confidence [s].
+            history: How far back X_M is stored [s]; None for `max_age`. Points of a track that was
+                captured earlier become NaN.
             stopwatch: Records the durations of the updates as "control".
         """
         super().__init__()
@@ -149,7 +149,7 @@ class FkPropagator(LeafSystem):
             state("points")[:] = points.ravel()
 
     def _move(self, context: Context, X_WG: np.ndarray, X_M: np.ndarray) -> bool:
-        """Updates the gripper's pose X_WG (4, 4), and the motion X_M (4, 4) of a held object.
+        """Updates X_WG (4, 4) and, while the gripper holds the object, X_M (4, 4), both in place.
 
         Returns whether the gripper holds the object.
         """
@@ -166,7 +166,7 @@ class FkPropagator(LeafSystem):
     def _motion_at_images(
         self, context: Context, time: float, X_M: np.ndarray, history: np.ndarray
     ) -> np.ndarray:
-        """Returns X_M (4, 4) at the capture of the current images; NaN if unknown."""
+        """Returns the output `object_motion` (4, 4); `X_M` is the motion at `time`, now [s]."""
         if not self._image_time.HasValue(context):
             return X_M
         captured = self._image_time.Eval(context)[0]

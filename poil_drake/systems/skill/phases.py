@@ -4,7 +4,7 @@ from poil_drake.systems.statuses import DescribedEnum
 
 
 class Phase(DescribedEnum):
-    """A phase of the skill, with a clause on why it begins; the phases up to DONE run in order."""
+    """A phase of the skill. Its `text` says why it begins. The phases up to DONE run in order."""
 
     WAIT = 0, "the run has begun"
     APPROACH = 1, "the tracker follows the object"
@@ -30,7 +30,7 @@ PHASE_NAMES = tuple(phase.name.lower() for phase in Phase)
 
 
 class Fault(DescribedEnum):
-    """Why the skill ended early, with a clause for reports."""
+    """Why the skill ended early; `text` is a clause for reports."""
 
     NONE = 0, "no fault"
     TRACKING_LOST = 1, "the tracker lost the object and did not find it again"

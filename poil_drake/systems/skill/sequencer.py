@@ -33,7 +33,7 @@ _OUTPUTS = ("phase", "phase_start", "fault", "width", "holding", "detect_request
 
 
 class SkillSequencer(LeafSystem):
-    """Runs the skill's state machine, from waiting over the grasp and the goal to the retreat.
+    """Runs the skill's state machine: waits, grasps, moves the object to its goal and retreats.
 
     .. pydrake_system::
 
@@ -57,16 +57,16 @@ class SkillSequencer(LeafSystem):
         - detect_request
 
     Every port has size 1. The statuses are a `TrackerStatus`, a `ControllerStatus` and an
-    `IkStatus`. `tau` [s], `mean_error` [m] and `goal_error` [m] come from the controller, which the
-    sequencer reads only in the phase FOLLOW; a NaN there counts as no progress. `motion_done` is 1
-    once the phase's own motion has ended. A NaN in the hand's `width_measured` [m] is a fault, and
-    so is a `safety_fault` other than `SafetyFault.NONE`.
+    `IkStatus`. The sequencer reads the controller's outputs `controller_status`, `tau` [s],
+    `mean_error` [m] and `goal_error` [m] only in the phase FOLLOW; NaN counts as no progress.
+    `motion_done` is 1 once the phase's motion has ended. A NaN in the hand's `width_measured` [m]
+    is a fault, and so is a `safety_fault` other than `SafetyFault.NONE`.
 
     Every output is a function of the state alone. `phase` is a `Phase` that began at `phase_start`
     [s], and `fault` is a `Fault`, both of `poil_drake.systems.skill.phases`. `width` [m] is the
     commanded opening of the hand, which a fault leaves unchanged; `holding` is 1 while the object
-    moves with the gripper; `detect_request` counts the requests to the part detector to search
-    again. Before the first update the phase is WAIT, the hand opens, and `holding` and
+    moves with the gripper; `detect_request` counts requests for a new search by the
+    part detector. Before the first update the phase is WAIT, the hand opens, and `holding` and
     `detect_request` are 0.
     """
 

@@ -19,24 +19,24 @@ class SkillConfig:
     """Thresholds and times of the skill.
 
     Attributes:
-        open_width: Finger opening before the grasp and after the release [m]; less than fully open
-            if a finger is inside the object.
+        open_width: Finger opening before the grasp and after the release [m]. Choose less than the
+            hand's maximum if a finger grasps from inside the object.
         closed_width: An opening below this means that the fingers hold nothing [m].
         grasp_settle_time: How long the fingers must stand still around a grasped object [s].
-        hand_delay: Longest time until a command to the hand shows in its opening [s]; fingers that
-            stand still before that have not begun to close.
+        hand_delay: Longest time from a command until the hand's opening changes [s]. The times
+            `grasp_settle_time` and `release_time` begin after it.
         finger_still_speed: Finger speed that counts as standing still [m/s].
         release_time: Time for the fingers to open and the object to come to rest [s].
         settle_time: Time in which the object is observed after the retreat [s].
         goal_hold_time: How long the points must stay at the goal before the release [s].
         goal_patience: How long the points may make no progress towards the goal [s]. After that,
-            the hand releases the object if the points are within `accepted_error`; otherwise there
-            is a fault.
-        accepted_error: Largest mean distance of the points from the reference's end at release [m].
+            the hand releases the object if the points' mean distance from the goal is at most
+            `accepted_error`; otherwise there is a fault.
+        accepted_error: Largest mean distance of the points from the goal for such a release [m].
         progress_step: Smallest decrease of the mean error [m], or smallest advance along the
             reference [s], that counts as progress.
-        lost_grace: How long the points may be lost before the part detector searches again [s];
-            while the robot waits for the first track, the detector searches once per this time.
+        lost_grace: How long the points may be lost before the part detector searches again [s].
+            While the robot waits for the first track, the search is repeated at this period.
         lost_fault: How long the points may be lost before a fault [s].
         stuck_time: How long the inverse kinematics may be stuck before a fault [s].
         phase_time_limit: Longest duration of a phase [s].
@@ -98,15 +98,15 @@ class SkillState(NamedTuple):
         fault: The `Fault`, once the phase is FAULT.
         last_width: Finger opening in the last period [m]; NaN before the first.
         last_time: Time of the last period [s].
-        still_since: When the fingers came to a standstill [s]; NaN while they move.
-        goal_since: When the goal was reached [s]; NaN while it is not.
-        lost_since: When the points were lost [s]; NaN while they are not.
-        stuck_since: When the inverse kinematics got stuck [s]; NaN while it is not.
+        still_since: When the fingers came to a standstill in GRASP [s]; NaN otherwise.
+        goal_since: When the points reached the goal [s]; NaN while they are not there.
+        lost_since: When the points were lost, or in WAIT when the last search began [s]; or NaN.
+        stuck_since: When the inverse kinematics got stuck [s]; NaN while it is not stuck.
         best_error: The mean error at the last progress [m].
         best_tau: Largest progress along the reference [s].
         progress_at: Time of the last progress [s].
         detect_request: Number of requests to the part detector to search again.
-        asked: 1 once the present loss of the points has led to a request.
+        asked: 1 once the present loss of the points has led to a new search.
         width: Finger opening to command [m], which a fault leaves unchanged.
     """
 
@@ -136,7 +136,7 @@ def next_state(state: SkillState, observation: Observation, config: SkillConfig)
     """Returns the sequencer's memory after one control period.
 
     Args:
-        state: The memory before.
+        state: The memory after the previous period.
         observation: The current observation.
         config: Thresholds and times.
     """
@@ -216,7 +216,7 @@ def _stalled(state: SkillState, observation: Observation, config: SkillConfig) -
 def _has_ended(
     phase: Phase, state: SkillState, observation: Observation, config: SkillConfig
 ) -> bool:
-    """Returns whether the phase ends now; comparisons with NaN are false."""
+    """Returns whether `phase` ends now. A NaN in the observation does not end a phase."""
     elapsed = observation.time - state.phase_start
     match phase:
         case Phase.WAIT:
@@ -242,7 +242,7 @@ def _has_ended(
 def _fault(
     phase: Phase, state: SkillState, observation: Observation, config: SkillConfig, ended: bool
 ) -> Fault:
-    """Returns the most severe fault, or NONE; comparisons with NaN are false."""
+    """Returns the most severe fault, or NONE. `ended`: whether the phase ends now."""
     now, width = observation.time, observation.hand_width
     if not observation.safe:
         return Fault.SAFETY

@@ -40,8 +40,8 @@ class StopRequests(LeafSystem):
         output_ports:
         - stop
 
-    `stop` (1,) is the number of requests so far: discrete state, updated from the button and the
-    switch once per period. It is 0 before the first update, which counts all earlier requests.
+    `stop` (1,) is the number of clicks on the Meshcat button plus the requests of the `StopSwitch`:
+    discrete state, updated once per period. It is 0 before the first update.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class StopRequests(LeafSystem):
         Args:
             period: The control period [s].
             meshcat: The page of the button; None for no button.
-            switch: Another source of requests.
+            switch: Counts all other requests; None for none.
         """
         super().__init__()
         self._meshcat, self._switch, self._clicks = meshcat, switch, 0
@@ -66,7 +66,7 @@ class StopRequests(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def close(self) -> None:
-        """Removes the button from the page; earlier clicks still count, the switch still works."""
+        """Removes the button from the page. Earlier clicks still count; the switch still works."""
         self._count_clicks()
         if self._meshcat is not None:
             self._meshcat.DeleteButton(BUTTON, strict=False)

@@ -21,8 +21,8 @@ def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> It
     """Requests a stop for every stop key that is typed inside the `with` block.
 
     Inside the block the terminal is not in line mode, so keys arrive without Enter and without
-    echo; Ctrl-C still interrupts. Closing the terminal requests a stop, too. If `stream` is not a
-    terminal, or another program controls the terminal, as for a background job, nothing happens.
+    echo; Ctrl-C still interrupts. Closing the terminal requests a stop, too. Stop keys have no
+    effect if `stream` is not a terminal, or if this process is a background job.
 
     Args:
         switch: Receives the requests.
@@ -73,7 +73,7 @@ def _listen(switch: StopSwitch, terminal: int, wake_reader: int) -> None:
 
 
 def _in_foreground(terminal: int) -> bool:
-    """Returns whether this process may change a terminal; a background job would be suspended."""
+    """Returns False if this process is a background job, which may not change the terminal."""
     try:
         return os.tcgetpgrp(terminal) == os.getpgrp()
     except OSError:  # It is not the controlling terminal, so there is no such restriction.

@@ -107,7 +107,7 @@ class GroundTruthTracker(LeafSystem):
         Args:
             body_index: Index of the object's body in `body_poses`.
             num_points: Number of points, N.
-            query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
+            query_points: (N, 3) the points at the start [m, world]; a connected port replaces them.
             config: Rate, latency and errors; None: the defaults.
         """
         super().__init__()

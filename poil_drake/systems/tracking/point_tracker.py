@@ -81,14 +81,14 @@ class PointTracker(LeafSystem):
 
         Args:
             tracker: The tracker to run. A `ProcessTracker` does not block other Python threads.
-            cameras: The cameras' models, in the order of the views.
+            cameras: The cameras' models, in the order of the frames' images.
             num_points: Number of points, N.
-            query_points: (N, 3) the points at the start [m, world]; None: the port gives them.
+            query_points: (N, 3) the points at the start [m, world]; a connected port replaces them.
             timing: When frames are captured and results released; None: `SimulatedDelay()`.
             min_interval: Minimum time [s] between the stamps of two captures, for cameras that are
                 faster than the tracker.
-            once: Whether to capture nothing more after the first success, for a dry run in which
-                the object does not move.
+            once: Whether to stop capturing once the status is TRACKING, for a dry run in which the
+                object does not move.
             stopwatch: Records the time of captures ("capture", which may include rendering), of
                 the tracker ("tracking", parallel to the simulation) and of waiting ("waiting").
         """
@@ -126,13 +126,13 @@ class PointTracker(LeafSystem):
 
     @property
     def worker_pid(self) -> int | None:
-        """ID of the process of a `ProcessTracker`; None for other trackers."""
+        """Process ID of the tracker if it is a `ProcessTracker`, else None."""
         return self._tracker.pid if isinstance(self._tracker, ProcessTracker) else None
 
     def close(self) -> None:
-        """Aborts the work in progress, and ends the tracker's process and thread.
+        """Ends the tracker's process and thread. A `ProcessTracker` aborts the work in progress.
 
-        No capture may follow.
+        Later captures raise `StationError`.
         """
         if isinstance(self._tracker, ProcessTracker):
             self._tracker.abort()
@@ -146,7 +146,7 @@ class PointTracker(LeafSystem):
         return previous is None or self._age_of_last(context) >= self._min_interval
 
     def _age_of_last(self, context: Context) -> float:
-        """Returns by how much the current images are newer than those of the last capture [s]."""
+        """Returns the stamp of the images at the ports minus that of the last capture [s]."""
         # Reading the stamp is far cheaper than reading the images.
         frame: MultiViewFrame = context.get_abstract_state(self._frame).get_value()
         return self._cameras.stamp(context) - frame.stamp

@@ -62,11 +62,11 @@ class TrackerRun(SharedOnCopy):
 def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> TrackerRun:
     """Returns the state of tracking after one more frame, given the state `run` before it.
 
-    A tracker that is not tracking starts or restarts when query points and a new detection are
-    known. The first start uses the query points as they are. A restart moves them by the object's
-    motion since their first use, which is correct while the grasp is rigid. In all other frames, a
-    tracker that has started steps, with the object's motion since the last usable frame as its
-    prior. It also steps while the object is lost, because it may find it again.
+    Unless the status is TRACKING, the tracker starts once query points and a new detection are
+    known. Its first start uses the query points as they are. A restart moves the points by the
+    object's motion since their first use, which is correct while the grasp is rigid. In all other
+    frames, a tracker that has started steps, even while the object is lost. The prior of a step is
+    the object's motion since the last frame in which `start` or `step` raised no error.
     """
     query, masks = inputs.query_points, inputs.masks
     lost = TrackedPoints.lost(len(run.points.positions), inputs.frame.stamp)
@@ -100,5 +100,5 @@ def advance(tracker: Tracker, run: TrackerRun, inputs: TrackerInputs) -> Tracker
 
 
 def _motion_between(before: np.ndarray | None, now: np.ndarray | None) -> np.ndarray | None:
-    """Returns X_M(now) X_M(before)^-1 (4, 4); None if one of the motions is unknown."""
+    """Returns X_M(now) X_M(before)^-1 (4, 4); None if either motion is unknown."""
     return None if before is None or now is None else now @ inverse(before)

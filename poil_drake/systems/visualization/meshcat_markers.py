@@ -50,7 +50,7 @@ class SphereMarkers:
                 self._meshcat.SetTransform(path, RigidTransform(position), time)
 
     def choose_looks(self, looks: np.ndarray, time: float | None = None) -> None:
-        """Shows one look of each sphere, by index (N,), or none for -1; `time` is as in `move`."""
+        """Shows look `looks[i]` of sphere i, or none for -1, at `time` in the recording [s]."""
         for path, chosen in zip(self._paths, looks, strict=True):
             for look in range(self._looks):
                 self._meshcat.SetProperty(f"{path}/{look}", "visible", look == int(chosen), time)

@@ -24,7 +24,7 @@ OVERLAY_PATH = f"{CAMERA_PATH}/poil"
 """The Meshcat path below which the overlay is drawn."""
 
 FIELD_OF_VIEW = math.radians(45.0)
-"""The page's vertical field of view [rad]. The default, 75 degrees, distorts a scene this small."""
+"""The page's vertical field of view [rad]. Meshcat's default, 75 degrees, distorts small scenes."""
 
 # Text is so close to the camera that nothing can come between them; the page's near plane is at
 # 0.01 m.
@@ -96,7 +96,7 @@ class MeshcatOverlay:
     def show_error(self, mean_error: float, time: float | None = None) -> None:
         """Shows the mean point error [m] at `time` in the recording [s].
 
-        The display is in mm and ends at 999.9. A value that is not finite hides the line.
+        The text shows at most 999.9 mm. An error that is not finite hides the line.
         """
         finite = math.isfinite(mean_error)
         self._meshcat.SetProperty(f"{OVERLAY_PATH}/error", "visible", finite, time)
@@ -105,14 +105,14 @@ class MeshcatOverlay:
             self._show_one(f"error/place_{place}", 10, None if digit == " " else int(digit), time)
 
     def _show_one(self, name: str, count: int, chosen: int | None, time: float | None) -> None:
-        """Shows one of `count` texts and hides the rest; a recording gets a keyframe for each."""
+        """Shows the text with the index `chosen` of `count` texts, if not None; hides the rest."""
         for index in range(count):
             self._meshcat.SetProperty(
                 f"{OVERLAY_PATH}/{name}/{index}", "visible", index == chosen, time
             )
 
     def _draw_digits(self) -> None:
-        """Draws all ten digits at each place of the error's display."""
+        """Draws all ten digits at each of the four places of the error."""
         left = text_width(_LABEL) - text_width(_ERROR_LINE) / 2.0
         for place, before in enumerate(("", "0", "00", "000.")):
             x = left + text_width(before) + text_width("0") / 2.0
@@ -134,7 +134,7 @@ class MeshcatOverlay:
         self._draw_text("legend/line", pieces, _LEGEND_SIZE)
 
     def _place_line(self, name: str, height: float, size: float, width: float) -> None:
-        """Moves a line to its height, and draws the panel behind it."""
+        """Moves a line to its height and draws its panel. The unit is half the screen's height."""
         path = f"{OVERLAY_PATH}/{name}"
         self._meshcat.SetTransform(path, RigidTransform([0.0, height * _HALF_SCREEN, 0.0]))
         DrawRectangle(

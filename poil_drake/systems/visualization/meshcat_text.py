@@ -24,7 +24,7 @@ _FONT = "DejaVu Sans"  # matplotlib ships it.
 
 @cache
 def text_width(text: str, *, bold: bool = False) -> float:
-    """Returns the advance width of `text`, as a multiple of the font size."""
+    """Returns the width that `text` takes up in a line, as a multiple of the font size."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import TextToPath
 

@@ -19,10 +19,7 @@ _PATH = "poil"
 
 @dataclass(frozen=True, kw_only=True)
 class PointSetVisualizerConfig:
-    """How the skill is drawn. Colours are (r, g, b, a) in [0, 1].
-
-    The hues differ clearly from each other and from the robot's white.
-    """
+    """How the skill is drawn. Colours are (r, g, b, a) in [0, 1]."""
 
     period: float = 1 / 32  # [s] between moves; the frame rate of recordings should match.
     text_period: float = 1 / 8  # [s] between changes of text; faster changes are unreadable.
@@ -65,7 +62,7 @@ class PointSetVisualizer(LeafSystem):
 
     - `points` is (3N,), row-major [m, world]: the controller's input points.
     - `confidence` is (N,) in [0, 1]; points with low confidence are drawn small and grey.
-    - `target_points` is (3N,), row-major [m, world]: their current targets on the reference.
+    - `target_points` is (3N,), row-major [m, world]: the points' current targets on the reference.
     - `spatial_velocity` is (6,), (ω [rad/s], v [m/s]) in the world frame, drawn as two arrows that
       start at the gripper.
     - `gripper_pose` is (16,), X_WG row-major.
@@ -75,7 +72,7 @@ class PointSetVisualizer(LeafSystem):
 
     Every port is optional; the value of an unconnected port is not drawn, and neither is a value
     that is not finite. Before the first input, only the reference is visible. The constructor draws
-    the reference and the (hidden) marks; periodic publish events move them.
+    the reference and hidden marks; periodic publish events show and move the marks.
     """
 
     def __init__(

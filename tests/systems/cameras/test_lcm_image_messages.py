@@ -135,7 +135,7 @@ def test_images_may_be_compressed() -> None:
         (replaced(0, data=b"\0" * 7), "holds 7 bytes instead of 45"),
         (replaced(0, channel_type=lcmt_image.CHANNEL_TYPE_FLOAT64), "channel type 7"),
         (replaced(0, pixel_format=lcmt_image.PIXEL_FORMAT_DISPARITY), "no 8-bit colour image"),
-        (replaced(0, compression_method=lcmt_image.COMPRESSION_METHOD_PNG), "has no readable size"),
+        (replaced(0, compression_method=lcmt_image.COMPRESSION_METHOD_PNG), "an unreadable size"),
         (replaced(0, compression_method=lcmt_image.COMPRESSION_METHOD_ZLIB), "invalid zlib data"),
         (replaced(0, compression_method=7), "unsupported compression 7"),
         (
@@ -167,7 +167,7 @@ def test_a_small_message_that_unfolds_to_many_pixels_is_not_decoded(
     sent = replaced(0, data=bomb, compression_method=method)
     monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("It was decoded."))
 
-    with pytest.raises(NoImageError, match="has 256 x 512 pixels; it must be 5 x 3"):
+    with pytest.raises(NoImageError, match="has 256 x 512 pixels, not 5 x 3"):
         decode_images(sent, size=(H, W))
 
 
