@@ -19,7 +19,7 @@ _SAME_PIXELS = 1e-3
 
 
 def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, ...]:
-    """Returns remarks on the cameras whose intrinsics or poses differ from the log's.
+    """Returns remarks on the cameras whose intrinsics or poses differ between run and replay.
 
     Each remark is a clause about one camera. Cameras missing from the log are skipped.
 
@@ -36,11 +36,11 @@ def _differences(run: RecordedRun, model: CameraModel) -> Iterator[str]:
         if (found.width, found.height) != (model.width, model.height):
             yield f"had {found.width} x {found.height} pixels"
         elif (largest := np.abs(found.K - model.K).max()) > _SAME_PIXELS:
-            yield f"had intrinsics that differ by {largest:.2g} px"
+            yield f"had intrinsics that differ by {largest:.2g} px from the replay's"
     if (X_WC := run.camera_poses.get(model.name)) is not None:
         distance = np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3])
         if distance > _SAME_LENGTH:
-            yield f"was {1e3 * distance:.2g} mm from its present position"
+            yield f"was {1e3 * distance:.2g} mm from its position in the replay"
         angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
         if angle > _SAME_ANGLE:
-            yield f"was rotated by {np.rad2deg(angle):.2g} deg"
+            yield f"was rotated by {np.rad2deg(angle):.2g} deg relative to the replay"

@@ -55,7 +55,7 @@ class _Topic(NamedTuple):
 
 
 def _begun(run: RecordedRun) -> bool:
-    """Returns whether the skill got past waiting for the robot and the points."""
+    """Returns whether the skill entered a phase other than waiting and fault."""
     return any(phase.name not in ("wait", "fault") for phase in run.phases)
 
 
@@ -86,15 +86,18 @@ _TOPICS = (
     ),
     _Topic(ROBOT_STATUS_TOPIC, "robot modes", _knows(ROBOT_STATUS_TOPIC, 0), _begun),
     _Topic(
-        HAND_STATUS_TOPIC, "hand openings ('width_measured')", _knows(HAND_STATUS_TOPIC, 1), _begun
+        HAND_STATUS_TOPIC,
+        "hand openings (field width_measured)",
+        _knows(HAND_STATUS_TOPIC, 1),
+        _begun,
     ),
     _Topic(TRACKED_TOPIC, "tracks", lambda run: bool(run.tracks), _begun),
     _Topic(
-        TRACKER_TIMES_TOPIC, "capture times ('begun')", _knows(TRACKER_TIMES_TOPIC, 0), _tracked
+        TRACKER_TIMES_TOPIC, "capture times (field begun)", _knows(TRACKER_TIMES_TOPIC, 0), _tracked
     ),
     _Topic(
         DETECTOR_TIMES_TOPIC,
-        "capture times ('begun')",
+        "capture times (field begun)",
         _knows(DETECTOR_TIMES_TOPIC, 0),
         _found,
         images_only=True,
@@ -103,11 +106,7 @@ _TOPICS = (
 
 
 def RequireAttachments(run: RecordedRun) -> None:
-    """Checks that a log holds the scenario and the plan.
-
-    Raises:
-        RunLogError: if the scenario or the plan is missing.
-    """
+    """Raises a RunLogError if a log lacks the scenario or the plan."""
     for what, lacks in (
         ("scenario", run.scenario_text is None),
         (f"plan (attachment '{PLAN_ATTACHMENT}')", run.plan is None),
@@ -133,14 +132,14 @@ def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
 
 
 def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
-    """Checks that a log begins at time 0 and has no long gaps.
+    """Checks that a log's joint states begin at time 0 and have no long gaps.
 
     Args:
         run: The run.
         scenario: The run's scenario, which sets the logger's period.
 
     Raises:
-        RunLogError: if the log begins later or has a long gap.
+        RunLogError: if the joint states begin later or have a long gap.
     """
     times = run.joints.times
     edges = np.append(min(0.0, times[0]), times)
@@ -198,31 +197,36 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
         notes.append(f"the log is cut off: its last sample is at {run.end:.2f} s")
     if IsSparse(run, scenario):
         notes.append(
-            f"the robot's signals were logged only every {run.joints.period:g} s, and are held in "
-            "between"
+            f"the robot's signals were logged only every {run.joints.period:g} s, and the replay "
+            "holds each sample until the next"
         )
     if dropped := run.metadata.get("dropped_messages"):
         notes.append(f"the log lacks {dropped} messages because the disk was too slow")
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
     if not simulated and not _knows(ROBOT_STATUS_TOPIC, 3)(run):
         notes.append(
-            f"the log lacks the clock's time ({ROBOT_STATUS_TOPIC}), so stalls of the process do "
-            "not show"
+            f"the log lacks the times of the run's clock ({ROBOT_STATUS_TOPIC}), so the replay "
+            "does not show stalls of the process"
         )
     momentary = simulated and CameraDelay(scenario.cameras) == 0.0
     if not repeat_tracks and not momentary and not run.camera_times:
-        notes.append(f"the log lacks {CAMERAS_STATUS_TOPIC}, so times of unused images are unknown")
+        notes.append(
+            f"the log lacks {CAMERAS_STATUS_TOPIC}, so the times of images that perception did not "
+            "use are unknown"
+        )
     versions = version_metadata()
     for key in ("poil_drake_version", "drake_version"):
         written = run.metadata.get(key, "")
         if written and written != versions.get(key):
             name = key.removesuffix("_version")
-            notes.append(f"written with {name} {written}, replayed with {versions.get(key)}")
+            notes.append(
+                f"the log was written with {name} {written} and replayed with {versions.get(key)}"
+            )
     return tuple(notes)
 
 
 def _lacking(run: RecordedRun, what: str, *, images_only: bool = False) -> RunLogError:
-    cause = run.cut_off or "It may come from an older version or another program"
+    cause = run.cut_off or "The log may come from an older version or another program"
     remedy = "Replay a complete log, written by this version of poil run or poil execute"
     if images_only:
         remedy += ", or repeat the run's tracks with --tracker recorded"

@@ -57,7 +57,7 @@ def Replay(
         scenario_text: YAML that changes values of the run's scenario, to try other settings.
         outputs: Paths of the replay's log, picture and figures; None writes nothing.
         tolerances: The largest differences that count as equal. None selects `CONTROL_TOLERANCES`
-            if the tracks are repeated, else `PERCEPTION_TOLERANCES` scaled to the run's speed.
+            if the replay repeats the tracks, else `PERCEPTION_TOLERANCES` at the run's speed.
         show_progress: Whether to draw a progress bar.
 
     Returns:
@@ -65,7 +65,7 @@ def Replay(
 
     Raises:
         RunLogError: if the log is missing, damaged or incomplete.
-        OutputError: if an output cannot be written; older outputs are then kept.
+        OutputError: if an output path is not writable; older outputs are then kept.
         PoilError: if the loop cannot be built with these settings.
     """
     path, outputs = Path(path), outputs or OutputPaths()
@@ -179,7 +179,7 @@ def _advance(
 
 
 def _stops(run: RecordedRun, period: float) -> list[float]:
-    """Returns the time [s] of the control tick that saw each stop request."""
+    """Returns, for each logged stop request, the time [s] of the control tick that noticed it."""
     series, asked = run.numbers[STOPS_TOPIC], 0.0
     ticks: list[float] = []
     for logged, requests in zip(series.times, series.values[:, 0], strict=True):

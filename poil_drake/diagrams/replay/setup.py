@@ -44,10 +44,10 @@ class ReplaySetup:
         scenario: The scenario of the replay.
         plan: The plan that was executed.
         tracker: An image-based tracker, or `RECORDED`.
-        changed: Whether the user chose settings that differ from the run's.
+        changed: Whether `scenario_text` was given, or an image-based tracker other than the run's.
         scenario_text: YAML that changes values of the run's scenario, or empty.
         tolerances: The largest differences that count as equal.
-        cameras_moved: Whether `scenario_text` changes cameras or directives; both may move cameras.
+        cameras_moved: Whether `scenario_text` changes cameras, or directives that may move cameras.
         notes: Remarks on the log, one clause each.
     """
 
@@ -93,7 +93,7 @@ def SetUpReplay(
     if used == GROUND_TRUTH:
         if recorded.poil.tracker != GROUND_TRUTH:
             raise RunLogError(
-                f"The tracker '{GROUND_TRUTH}' needs the simulator, which a replay does not run.",
+                f"The tracker '{GROUND_TRUTH}' needs simulated poses, which a replay lacks.",
                 remedy=f"Choose an image-based tracker or '{RECORDED}'.",
             )
         used = RECORDED
@@ -124,7 +124,7 @@ def SetUpReplay(
 
 
 def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
-    """Returns the run's scenario; appends its keys that this version lacks to `unknown`."""
+    """Returns the run's scenario; appends to `unknown` all keys that this version lacks."""
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         file = Path(folder) / "scenario.yaml"
         file.write_text(run.scenario_text or "", encoding="utf-8")
@@ -148,7 +148,7 @@ def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
 
 
 def _tolerances(run: RecordedRun, recorded: Scenario, tracker: str) -> ReplayTolerances:
-    """Returns the default tolerances of a replay with a tracker."""
+    """Returns the default tolerances of a replay that uses `tracker`."""
     if tracker == RECORDED:
         return CONTROL_TOLERANCES
     simulated = run.metadata.get(STATION_KEY, SIMULATED) == SIMULATED
@@ -187,6 +187,6 @@ def _times(scenario: Scenario) -> dict[str, float]:
 
 
 def _moves_cameras(recorded: Scenario, scenario: Scenario) -> bool:
-    """Returns whether the cameras or the directives differ. Directives may move cameras, too."""
+    """Returns whether the scenarios differ in cameras, or in directives, which may move cameras."""
     nodes = [yaml_load(data=DumpScenario(one, named=False)) for one in (recorded, scenario)]
     return any(nodes[0][key] != nodes[1][key] for key in ("cameras", "directives"))

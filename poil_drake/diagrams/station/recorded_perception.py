@@ -17,7 +17,7 @@ from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.recorded_tracker import RecordedTrack
 
 _DECIMALS = 9
-"""Decimals to which offsets [control periods] are rounded, because recorded times are inexact."""
+"""Decimals to which offsets of captures [control periods] are rounded: logged times are inexact."""
 
 
 def RecordedTimings(run: RecordedRun, *, period: float) -> tuple[RecordedTiming, RecordedTiming]:
@@ -44,7 +44,7 @@ def _captured(run: RecordedRun, topic: str) -> list[float]:
 
 
 def _offset(captured: Sequence[float], period: float) -> float:
-    """Returns the most frequent offset of captures within a control period [s]."""
+    """Returns the most frequent time [s] from the start of a control period to a capture in it."""
     if not captured:
         return 0.0
     shares = np.round(np.array(captured) / period % 1.0, _DECIMALS) % 1.0
@@ -89,7 +89,7 @@ def _status(logged: LoggedTrack, number: float, statuses: Series) -> TrackerStat
         logged: The track.
         number: The status logged with the track's times; NaN in logs of older versions.
         statuses: The periodically logged statuses. The first one after the track is used if
-            `number` is unknown.
+            `number` is NaN.
     """
     later = int(np.searchsorted(statuses.times, logged.time))
     next_number = statuses.values[later, 0] if later < len(statuses) else np.nan

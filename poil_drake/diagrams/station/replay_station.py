@@ -164,7 +164,7 @@ class ReplayStation(Station):
         )
 
     def _shown_at(self, image: StoredImages) -> float:
-        """Returns the time [s] of the last control tick at or before perception used an image."""
+        """Returns the start [s] of the control period in which perception used an image."""
         uses = [
             self._run.numbers[topic].at(image.time)[0]
             for topic in (TRACKER_TIMES_TOPIC, DETECTOR_TIMES_TOPIC)
@@ -174,7 +174,7 @@ class ReplayStation(Station):
         return float(np.floor(use / period + _ROUNDING) * period)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> RecordedTracker | None:
-        """Returns a tracker that repeats the run's tracks, or None without `repeat_tracks`."""
+        """Returns a tracker that repeats the run's tracks, or None if the station repeats none."""
         if not self._repeat_tracks:
             return None
         return RecordedTracker(
@@ -185,9 +185,9 @@ class ReplayStation(Station):
 
 
 def _known_early(series: Series) -> Series:
-    """Returns a series whose first finite sample holds from the time of the sample before it.
+    """Returns a copy of a series in which its first finite sample holds from an earlier time on.
 
-    If there is no sample before it, the first finite sample holds at all earlier times.
+    The earlier time is that of the sample before it or, if there is none, minus infinity.
     """
     known = np.isfinite(series.values).all(axis=1)
     if not known.any():

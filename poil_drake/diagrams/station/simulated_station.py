@@ -72,11 +72,10 @@ class SimulatedStation(Station):
 
     Images are rendered when their ports are evaluated, unless the cameras have an `output_delay`.
     In that case, images are captured at the tracker's rate, rendered by a separate process, and
-    appear `output_delay` after the capture. Until the first one appears, the ports hold empty
+    appear `output_delay` after the capture. Until the first image appears, the ports hold empty
     images (see `DelayedCameras`). The process receives only the plant's positions (see
-    `CameraProcess`). It starts with the first capture, or with `Start`; `WarmUp` waits until it is
-    ready, and `Close` ends it.
-    `<camera>.image_time` (1,) is the time of the capture [s].
+    `CameraProcess`). The process starts with the first capture, or with `Start`; `WarmUp` waits
+    until it is ready, and `Close` ends it. `<camera>.image_time` (1,) is the capture time [s].
     """
 
     def __init__(
@@ -216,7 +215,7 @@ class SimulatedStation(Station):
             self._camera_process.start()
 
     def WarmUp(self) -> None:
-        """Waits until delayed cameras render at their usual pace.
+        """Waits for the first rendering of delayed cameras, which takes longest.
 
         Raises:
             PoilError: if the cameras cannot be used.

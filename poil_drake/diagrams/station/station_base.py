@@ -19,7 +19,7 @@ from poil_drake.systems.capture_timing import CaptureTiming
 
 
 class Station(Diagram):
-    """A robot, its hand and its cameras behind named ports, built by `MakeStation`.
+    """A robot, its hand and its cameras, with named ports.
 
     `Start` starts the station's threads and processes, `WarmUp` waits until they are ready, and
     `Close` ends them; a `with` block does all three.
@@ -30,7 +30,7 @@ class Station(Diagram):
         camera_models: Intrinsics and fixed poses of the cameras.
         tracker_timing: When a tracker captures images of the station and releases its results.
         detector_timing: When a detector captures images of the station and releases its results.
-        clock: A clock [s] that runs even while the context does not advance; None in simulation.
+        clock: Returns real time [s] on hardware, recorded time [s] in a replay; None in simulation.
     """
 
     scenario: Scenario

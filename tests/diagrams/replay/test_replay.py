@@ -277,7 +277,9 @@ def test_moved_cameras_are_noted(seen: Path, tmp_path: Path) -> None:
     moved = rewritten(seen, tmp_path / "moved.mcap", message=elsewhere)
 
     assert replay(seen).notes == ()
-    assert replay(moved).notes == ("in the run, camera 'left' was 23 mm from its present position",)
+    assert replay(moved).notes == (
+        "in the run, camera 'left' was 23 mm from its position in the replay",
+    )
     # Recorded tracks need no images.
     assert replay(moved, tracker="recorded").notes == ()
 

@@ -31,18 +31,19 @@ def run_with(K=K, size=(640, 480), X_WC=None):
         (run_with(X_WC=make_transform(np.eye(3), [1e-12, 0.0, 0.0])), ()),
         (
             run_with(X_WC=make_transform(np.eye(3), [0.0, 0.023, 0.0])),
-            ("in the run, camera 'left' was 23 mm from its present position",),
+            ("in the run, camera 'left' was 23 mm from its position in the replay",),
         ),
         # 0.01 rad.
         (
             run_with(X_WC=make_transform(TURNED, [0.0, 0.0, 0.0])),
-            ("in the run, camera 'left' was rotated by 0.57 deg",),
+            ("in the run, camera 'left' was rotated by 0.57 deg relative to the replay",),
         ),
         (
             run_with(K=K + np.diag([2.0, 2.0, 0.0]), X_WC=make_transform(TURNED, [0.0, 0.0, 0.5])),
             (
-                "in the run, camera 'left' had intrinsics that differ by 2 px and was 5e+02 mm "
-                "from its present position and was rotated by 0.57 deg",
+                "in the run, camera 'left' had intrinsics that differ by 2 px from the replay's "
+                "and was 5e+02 mm from its position in the replay "
+                "and was rotated by 0.57 deg relative to the replay",
             ),
         ),
         (run_with(size=(320, 240)), ("in the run, camera 'left' had 320 x 240 pixels",)),

@@ -132,10 +132,10 @@ def test_unsuitable_settings_are_refused(
         SetUpReplay(path, tracker=tracker, scenario_text=text)
 
 
-def test_the_ground_truth_needs_the_simulator(tmp_path: Path) -> None:
+def test_the_ground_truth_needs_simulated_poses(tmp_path: Path) -> None:
     path = with_samples(tmp_path, ChooseScenario())
 
-    with pytest.raises(RunLogError, match="needs the simulator"):
+    with pytest.raises(RunLogError, match="needs simulated poses"):
         SetUpReplay(path, tracker="ground_truth")
     assert SetUpReplay(path, tracker=RECORDED).tracker == RECORDED
 
@@ -225,7 +225,7 @@ def test_unknown_times_are_noted(tmp_path: Path) -> None:
 
     notes = NotesOn(run, ChooseScenario(), repeat_tracks=False)
 
-    assert ["the clock's time" in notes[0], "/cameras/status" in notes[1]] == [True, True]
+    assert ["the run's clock" in notes[0], "/cameras/status" in notes[1]] == [True, True]
     assert len(NotesOn(run, ChooseScenario(), repeat_tracks=True)) == 1
 
 

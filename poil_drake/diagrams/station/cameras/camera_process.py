@@ -19,8 +19,7 @@ class CameraProcess:
 
     The process builds a second station from the same scenario, sets the requested positions of its
     plant, and renders what has changed (see `IncrementalRenderer`). Other changes in the original
-    station's context or scene graph do not show. Rendering on a thread instead
-    is impossible, because VTK crashes there. The process starts with the first request or `start`.
+    station's context or scene graph do not show. The process starts at the first request.
     """
 
     def __init__(self, scenario: Scenario, package_xmls: Sequence[str | Path] = ()):
@@ -42,13 +41,13 @@ class CameraProcess:
         return None if self._worker is None else self._worker.pid
 
     def start(self) -> None:
-        """Starts the process if it is not running; does not wait for it."""
+        """Starts the process unless it was started or closed before; does not wait for it."""
         if self._worker is None and not self._closed:
             setup = (self._scenario, self._package_xmls)
             self._worker = WorkerProcess(f"{__package__}.camera_worker", setup)
 
     def warm_up(self) -> None:
-        """Waits until the process renders at its usual pace.
+        """Starts the process if needed, and waits for its first images, which take longest.
 
         Raises:
             PoilError: if the cameras cannot be used.
@@ -91,6 +90,6 @@ class CameraProcess:
             except WorkerEndedError as error:
                 raise StationError(
                     f"The cameras' process {error}.",
-                    remedy="Check its output, and whether memory ran out. Cameras with "
-                    "output_delay 0 need no process.",
+                    remedy="Check what the process printed, and whether memory ran out. Cameras "
+                    "with output_delay 0 need no process.",
                 ) from error

@@ -18,11 +18,7 @@ class CameraService:
     """Builds a station, and renders its cameras at requested positions of its plant."""
 
     def __init__(self, setup: tuple[str, list[str]]):
-        """Builds the station.
-
-        Args:
-            setup: The scenario as YAML, and further `package.xml` files.
-        """
+        """Builds the station from `setup`: the scenario as YAML and further `package.xml` files."""
         text, package_xmls = setup
         scenario = LoadScenario(data=text)
         # Only the original station uses the scenario's networks.

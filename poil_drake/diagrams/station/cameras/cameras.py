@@ -132,7 +132,7 @@ def MakeCameraModels(
 
 
 def CheckCameras(cameras: Mapping[str, CameraConfig], lcm_buses: LcmBuses) -> None:
-    """Checks that Drake accepts cameras that another process will render.
+    """Checks that Drake accepts the settings of cameras that another process will render.
 
     Raises:
         ScenarioError: if Drake does not accept a value of a configuration.
@@ -170,7 +170,7 @@ def _unusable(name: str, error: BaseException) -> ScenarioError:
 def _check_camera(name: str, config: CameraConfig) -> None:
     if config.name != name:
         raise ScenarioError(
-            f"The camera under the key '{name}' is named '{config.name}'; both must be equal.",
+            f"The camera under the key '{name}' is named '{config.name}'; the two must be equal.",
             remedy=f"Set cameras.{name}.name to '{name}'.",
         )
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
@@ -205,8 +205,8 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
     except DRAKE_ERRORS as error:
         raise ScenarioError(
             f"{path} cannot be used: {drake_reason(error)}.",
-            remedy="Use a deterministic pose, and either leave out base_frame (for the world) or "
-            "name a frame that is welded to the world.",
+            remedy="Use a deterministic pose. Leave base_frame out for the world, or name a frame "
+            "that is welded to the world.",
         ) from error
     if wrong:
         raise ScenarioError(
@@ -248,7 +248,7 @@ def MakeFrame(
     Args:
         models: The cameras' models.
         images: The image of each camera.
-        label_ids: Render labels by name, which the frame includes if every image has labels.
+        label_ids: Render labels by name. The frame includes them if every image has labels.
     """
     labelled = all(image.label is not None for image in images)
     return MultiViewFrame(

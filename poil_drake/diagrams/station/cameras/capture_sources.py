@@ -30,8 +30,8 @@ def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
         usual: The URL to return if the scenario does not set one.
 
     Raises:
-        ScenarioError: if `lcm_buses` does not define the network and its name is not a default, or
-            if the network has a channel suffix.
+        ScenarioError: if `bus` is neither in `lcm_buses` nor a default of `HardwareConfig`, or if
+            the network has a channel suffix.
     """
     params = scenario.lcm_buses.get(bus)
     if params is None:
@@ -46,8 +46,8 @@ def BusUrl(scenario: Scenario, bus: str, usual: str) -> str:
         raise ScenarioError(
             f"lcm_buses.{bus}.channel_suffix is '{params.channel_suffix}', but suffixes are not "
             "supported on hardware.",
-            remedy="Leave it out, and set full channel names in poil.hardware.channels and in each "
-            "!LcmImages.",
+            remedy="Leave the suffix out, and set full channel names in poil.hardware.channels and "
+            "in each !LcmImages.",
         )
     return params.lcm_url or usual
 
@@ -88,11 +88,11 @@ def SendsLabels(source: CameraSource) -> bool:
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that each source belongs to a camera, and that no two cameras share a device.
+    """Checks that each source belongs to a camera, and that serial numbers tell devices apart.
 
     Raises:
-        ScenarioError: naming a camera that the scenario does not have, or two cameras whose serial
-            numbers do not tell them apart.
+        ScenarioError: naming a camera that the scenario does not have, or two cameras of one kind
+            whose serial numbers are equal or missing.
     """
     cameras = scenario.poil.hardware.cameras
     for kind in (RealSense, Zed):

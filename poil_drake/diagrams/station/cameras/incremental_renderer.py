@@ -1,4 +1,4 @@
-"""Renders a sequence of images of one scene, each time only where something has moved."""
+"""Renders images of one scene repeatedly, but only where the scene has changed."""
 
 from collections.abc import Sequence
 
@@ -27,14 +27,13 @@ _CUBE = np.array(np.meshgrid([-1.0, 1.0], [-1.0, 1.0], [-1.0, 1.0])).reshape(3, 
 
 
 class IncrementalRenderer:
-    """Captures images with the fixed cameras of `AddCameras`, one frame after another.
+    """Captures colour and depth images with the fixed cameras of `AddCameras`.
 
-    From one frame to the next, most of the scene rests. In each image only the rectangle is
-    rendered that encloses the geometries that have moved, where they were and where they are; the
-    other pixels stay. The images equal those of the cameras' ports, except for about one pixel in
-    10,000 at silhouettes, where the projection into a smaller image rounds differently. Everything
-    is rendered if a pixel may depend on what moves elsewhere: if the renderer casts shadows, or is
-    not Drake's own, or if the scene holds deformable bodies.
+    Each capture renders only one rectangle of each image, and keeps the other pixels of the last
+    capture. The rectangle encloses all geometries that have moved since, at their old and their new
+    poses. The images equal those of the cameras' ports, except for about one pixel in 10,000 at
+    silhouettes. Each capture renders all geometries if the renderer casts shadows or is not Drake's
+    own, or if the scene holds deformable bodies.
     """
 
     def __init__(self, diagram: Diagram, scene_graph: SceneGraph, camera_names: Sequence[str]):
@@ -42,8 +41,8 @@ class IncrementalRenderer:
 
         Args:
             diagram: Exports `query_object` and holds the cameras.
-            scene_graph: Its scene graph.
-            camera_names: The cameras to render.
+            scene_graph: The diagram's scene graph.
+            camera_names: Names of the cameras to render.
         """
         self._query = diagram.GetOutputPort("query_object")
         self._noises = [diagram.GetSubsystemByName(f"depth_noise_{name}") for name in camera_names]
@@ -107,7 +106,10 @@ class _Picture:
         self.pixels = np.zeros((info.height(), info.width(), channels), kind)
 
     def update(self, query: QueryObject, points_W: np.ndarray) -> None:
-        """Renders the part of the image that encloses points (N, 3) in the world [m]."""
+        """Renders the rectangle that encloses points (N, 3) in the world [m].
+
+        Renders the whole image if a point is NaN or is not in front of the camera.
+        """
         p = transform_points(self._X_CW, points_W) @ self._K.T
         low, high = np.zeros(2, int), self._size
         if (p[:, 2] > self._core.clipping().near()).all():
@@ -124,7 +126,7 @@ class _Picture:
         self.pixels[b : b + h, a : a + w] = self._render(query, start, stop)[y : y + h, x : x + w]
 
     def _render(self, query: QueryObject, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-        """Returns the pixels from `start` (2,) to `stop` (2,), without the latter."""
+        """Renders the pixels (x, y) from `start` (2,) up to, but not including, `stop` (2,)."""
         (width, height), (x, y), K = (stop - start).tolist(), start, self._K
         info = CameraInfo(width, height, K[0, 0], K[1, 1], K[0, 2] - x, K[1, 2] - y)
         core = RenderCameraCore(
@@ -140,7 +142,7 @@ class _Picture:
 
 
 def _box(inspector: SceneGraphInspector, geometry: GeometryId) -> np.ndarray:
-    """Returns the corners (8, 3) of a box around a geometry in its frame; NaN if there is none."""
+    """Returns the corners (8, 3) of a box around a geometry in its frame; NaN if it has no box."""
     box = inspector.GetObbInGeometryFrame(geometry)
     if box is None:
         return np.full((8, 3), np.nan)
@@ -148,6 +150,6 @@ def _box(inspector: SceneGraphInspector, geometry: GeometryId) -> np.ndarray:
 
 
 def _pixels_are_local(renderer: str) -> bool:
-    """Returns whether the pixels of a renderer (its parameters) show only what is behind them."""
+    """Returns whether each pixel shows only what is behind it, given the renderer's parameters."""
     own = renderer.startswith(("RenderEngineVtkParams:", "RenderEngineGlParams:"))
     return own and "cast_shadows: true" not in renderer

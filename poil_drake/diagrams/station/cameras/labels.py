@@ -39,8 +39,8 @@ def AssignLabels(
     Args:
         plant: The plant with all models.
         scene_graph: The plant's scene graph.
-        parts: Model instance -> part -> link name, or a regular expression. The part consists of
-            the geometries whose whole names, without the model's scope, match the expression.
+        parts: Model instance -> part -> name of the part's link, or a regular expression for the
+            whole names of the part's geometries, without the model's scope.
 
     Returns:
         Name -> labels. "mug" has all labels of the model, and "mug/handle" those of the part.

@@ -15,7 +15,7 @@ def CheckHardwareRun(scenario: Scenario) -> None:
     """Checks that the scenario's tracker, detector and cameras can be used on hardware.
 
     Raises:
-        ScenarioError: if one of these cannot be used, or a recording to play does not exist.
+        ScenarioError: naming what cannot be used, or a recording that does not exist.
     """
     if scenario.poil.tracker == GROUND_TRUTH:
         raise ground_truth_error()

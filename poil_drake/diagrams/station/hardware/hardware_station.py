@@ -1,4 +1,4 @@
-"""The real robot's station: a Franka behind its driver, and cameras read by this process."""
+"""The real robot's station: a Franka controlled by its driver, and cameras."""
 
 import time
 from collections.abc import Sequence
@@ -37,11 +37,11 @@ from poil_drake.systems.lcm.network import Clock, LcmNetwork
 from poil_drake.systems.statuses import RobotMode
 
 _REOPEN = 3.0
-"""Time from a camera's failure to the next attempt to open the camera [s of robot time]. An attempt
-may block Python for a second; by then, the supervisor has stopped the arm."""
+"""Time from a camera's failure to the next attempt to open it [s of robot time]. It is long
+enough for the supervisor to stop the arm, because an attempt may block Python for a second."""
 
 _LISTEN = 0.05
-"""How long to listen for other senders [s of robot time]: a dozen control periods."""
+"""How long to listen for other processes that command the robot [s of robot time]."""
 
 _LOOK = 0.01
 """Time between two checks for messages and images while waiting for them [s]."""
@@ -50,7 +50,7 @@ _AHEAD = 0.02
 """Images stamped farther in the future than this [s] show that the clocks differ."""
 
 _REST = 1.5
-"""How long to send rest commands, as a multiple of the driver's command expiry."""
+"""How long to send zero velocities after braking, as a multiple of the driver's command expiry."""
 
 
 class HardwareStation(Station):
@@ -74,8 +74,8 @@ class HardwareStation(Station):
         - <camera>.label_image
         - <camera>.image_time
 
-    The ports are those of `SimulatedStation`, without those that only a simulation has: poses,
-    contacts and forces. `<camera>.label_image` exists for cameras whose source sends labels.
+    The ports are those of `SimulatedStation`, without those that only a simulation has, such as
+    poses and contacts. `<camera>.label_image` exists for cameras whose source sends labels.
     See `AddPandaHardware` and `CapturedCameras` for the outputs before the first message or image.
 
     In a dry run, nothing is sent to the robot. Commands move a `KinematicRobot` instead, which
@@ -177,8 +177,8 @@ class HardwareStation(Station):
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`.
 
-        Waits until every camera has an image newer than this call. If labels are requested and the
-        camera's source sends them, the image also has labels.
+        Waits until every camera has an image captured after this call. With `labels`, waits for an
+        image with labels from each camera whose source sends labels.
         """
         start = self._clock()
         found: dict[str, RgbdImage] = {}
@@ -194,7 +194,7 @@ class HardwareStation(Station):
         return tuple(found[name] for name in self.camera_names)
 
     def _image_of(self, name: str, *, labels: bool) -> str:
-        """Describes the image that is missing."""
+        """Returns the phrase that names a missing image in errors."""
         if labels and self._threads[name].newest is not None:
             return f"a label image of the camera '{name}', whose other images arrive"
         return f"an image of the camera '{name}'"
@@ -237,10 +237,10 @@ class HardwareStation(Station):
             time.sleep(_LOOK)
 
     def _older_than(self, time: float) -> list[str]:
-        """Returns descriptions of what has not arrived since `time` [s], or cannot be used.
+        """Returns what has not arrived since `time` [s] or cannot be used, one phrase each.
 
-        Statuses may be older by up to the driver's command expiry, because the driver's clock may
-        be behind.
+        A status may be older than `time` by up to the driver's command expiry, because the driver's
+        clock may be behind.
         """
         self.HandleMessages()
         drivers = time - self._config.command_expiry
@@ -275,7 +275,7 @@ class HardwareStation(Station):
             self._lcm.Close()
 
     def Rest(self) -> None:
-        """Sends rest commands for longer than the driver's expiry, if the arm was commanded."""
+        """If the arm was commanded, brakes it and sends zeros for longer than `command_expiry`."""
         sender = self._robot.sender
         if sender is not None and sender.commanding:
             sender.SendRest(_REST * self._config.command_expiry / self._config.time_scale)
@@ -316,7 +316,7 @@ class HardwareStation(Station):
         problems = "; ".join(self.Problems())
         problems = f" ({problems})" if problems else ""
         return StationError(
-            f"After {self._config.ready_timeout:g} s this is still missing: "
+            f"The station waits up to {self._config.ready_timeout:g} s. This is still missing: "
             f"{', '.join(missing)}{problems}. The robot's network is {self._url}.",
             remedy="Start the Franka driver (or poil driver) with the same scenario, and check the "
             "networks, channels and cameras in poil.hardware.",

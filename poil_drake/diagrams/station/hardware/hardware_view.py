@@ -23,7 +23,7 @@ REAL_ROBOT_PATH = "/drake/real_robot"
 """Meshcat path of the real robot in a dry run."""
 
 _SHADE = 0.3
-"""Opacity of the real robot in a dry run."""
+"""Initial opacity of the real robot in a dry run."""
 
 
 def AddHardwareView(
@@ -98,7 +98,7 @@ def _pose(
     arm: OutputPort,
     hand: OutputPort,
 ) -> None:
-    """Sets the robot's pose in a scene from two ports; other models keep their default poses."""
+    """Lets the ports `arm` and `hand` set the robot's posture in a scene; other models rest."""
     model = plant.GetModelInstanceByName(robot)
     posture = builder.AddNamedSystem(name, MeasuredPosture(plant=plant, robot=model))
     poses = builder.AddNamedSystem(f"{name}_poses", MultibodyPositionToGeometryPose(plant))

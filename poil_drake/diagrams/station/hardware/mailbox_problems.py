@@ -23,8 +23,8 @@ def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) ->
         found.append(f"{mailbox.late} messages on {channel} arrived late or twice")
     if abs(mailbox.offset) > _DAYS:
         found.append(
-            f"the messages on {channel} are stamped by a different clock: does their sender have "
-            "the same --time-scale?"
+            f"the messages on {channel} are stamped by a different clock: do their sender and this "
+            "program have the same --time-scale?"
         )
     elif abs(mailbox.offset) > tolerance:
         side = "before" if mailbox.offset > 0.0 else "after"

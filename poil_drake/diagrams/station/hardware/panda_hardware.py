@@ -1,4 +1,4 @@
-"""The systems that talk to the real Panda, behind the port names of the simulated one."""
+"""The systems that communicate with the real Panda; their ports match the simulated Panda's."""
 
 import time
 from dataclasses import dataclass
