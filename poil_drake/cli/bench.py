@@ -27,7 +27,7 @@ Ray = Annotated[
 
 
 def _names(text: str | None) -> tuple[str, ...]:
-    """Returns the names in a comma-separated list; none if there is no list."""
+    """Returns the names in a comma-separated list; an empty tuple for None."""
     return tuple(name.strip() for name in (text or "").split(",") if name.strip())
 
 

@@ -102,9 +102,9 @@ def choose_scenario(
     file: Path | None = None,
     **changes: Any,
 ) -> "Scenario":
-    """Returns the scenario that the arguments SCENARIO, --scenario_name and so on choose.
+    """Returns the scenario that the command line chooses.
 
-    `changes` are further arguments of `ChooseScenario`.
+    `argument` is SCENARIO, and `file` is --scenario_file. `changes` go to `ChooseScenario`.
 
     Raises:
         ScenarioError: if `argument` and `file` are both given, or the scenario is invalid.

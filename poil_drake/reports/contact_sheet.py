@@ -25,7 +25,7 @@ _DEPTH_PERCENTILES = (2.0, 98.0)
 def contact_sheet(
     demonstration: Demonstration, path: str | Path, *, columns: int = 8, tile_width: int = 240
 ) -> None:
-    """Writes a PNG of frames in order of time: each camera has a row of colour above one of depth.
+    """Writes a PNG of frames in order of time. Each camera has a row of colour and one of depth.
 
     Args:
         demonstration: The demonstration. Only the frames shown are decoded.
@@ -85,7 +85,7 @@ def _draw_depth(figure: Any, axis: Any, depth: np.ndarray) -> None:
 
 
 def _strip(images: Sequence[np.ndarray], tile_width: int) -> np.ndarray:
-    """Returns images side by side, each `tile_width` [px] wide. Gaps are white, or depth 0."""
+    """Returns images side by side, each `tile_width` [px] wide. Gaps are white, or 0 in depth."""
     height = round(tile_width * images[0].shape[0] / images[0].shape[1])
     is_color = images[0].ndim == 3
     gap = np.full((height, _GAP, *images[0].shape[2:]), 255 if is_color else 0)

@@ -76,7 +76,7 @@ class ProgressBar(AbstractContextManager["ProgressBar"]):
 
 
 def _default_size() -> tuple[int | None, int | None]:
-    """Returns 80 columns and 24 lines where the terminal reports 0, else None: tqdm asks it."""
+    """Returns tqdm's `ncols` and `nrows`: 80 and 24 if the terminal reports 0, otherwise None."""
     try:
         size = os.get_terminal_size(sys.stderr.fileno())
     except (OSError, ValueError):

@@ -73,7 +73,8 @@ class ReplaySummary:
         if first.began is not None:
             return f"{when}, the phases differ: {_phase_difference(first.began)}"
         if first.what == TRACKS:
-            return f"{when}, {100.0 * first.size:.2g} % of the tracks have no point seen by both"
+            share = f"{100.0 * first.size:.2g} % of the tracks"
+            return f"{when}, {share} have no point that both run and replay saw"
         name, unit, scale = _SIGNALS[first.what]
         return f"{when}, {name} differ by more than {scale * first.tolerance:g} {unit}"
 

@@ -47,9 +47,9 @@ _SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
 
 
 def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: float) -> float:
-    """Draws a white text on a green box (red without success), and returns the box's right edge.
+    """Draws a white text on a green box (red without success), and returns the text's right edge.
 
-    The top left corner is at (`left`, `top`); all three values are in figure coordinates.
+    The text's top left corner is at (`left`, `top`). All positions are in figure coordinates.
     """
     verdict = figure.text(
         left,
@@ -113,7 +113,7 @@ def spread_out(places: np.ndarray, *, gap: float, upper: float) -> np.ndarray:
     Args:
         places: (P,) the positions.
         gap: The minimum distance.
-        upper: Upper bound of the moved positions, unless the last one already exceeds it.
+        upper: Upper bound of the moved positions. A last position beyond it does not move.
     """
     moved = np.array(places, dtype=float)
     for i in range(1, len(moved)):

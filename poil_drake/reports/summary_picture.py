@@ -63,7 +63,7 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
 
 
 def _panels(data: SummaryData) -> list:
-    """Returns the functions that draw the panels: one for tracking errors only if any are known."""
+    """Returns the functions that draw the panels. Unknown tracking errors get no panel."""
     known = np.isfinite(data.tracking_errors).any()
     return [
         draw_point_error,

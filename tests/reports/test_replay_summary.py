@@ -64,7 +64,8 @@ def test_tracks_with_other_visible_points_are_a_difference():
 
     # Of the seven tracks that were logged before 1 s.
     assert dut.reason == (
-        "from 0.20 s on, in phase 'wait', 86 % of the tracks have no point seen by both"
+        "from 0.20 s on, in phase 'wait', 86 % of the tracks have no point that both run and "
+        "replay saw"
     )
     assert "; 6 of 12 tracks and 0 of 18 points occur only in the run" in dut.closing_line()
 

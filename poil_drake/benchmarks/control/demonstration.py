@@ -57,8 +57,8 @@ def TaskDemonstration(name: str) -> RecordedDemonstration:
 def TaskDeformation(name: str) -> float:
     """Returns how far the points deform from their shape at the start of the demonstration [m].
 
-    In each sample, the start's points are rigidly fitted to the points; the result is the largest
-    mean distance that remains.
+    The first sample is fitted rigidly to every sample. The result is the largest mean distance
+    between corresponding points.
     """
     points = TaskDemonstration(name).points
     start = np.broadcast_to(points[0], points.shape)
@@ -92,7 +92,7 @@ def Demonstrate(
     The object is held still until it has come to rest, then moved smoothly through the keyframes.
 
     Args:
-        task: The object and the scene; its own keyframes are not used.
+        task: The object and the scene. The task's own keyframes are not used.
         times: (K,) times of the keyframes [s].
         keyframes: (K, 4, 4) poses of the driven body.
     """
@@ -124,7 +124,7 @@ def Demonstrate(
 def NearDemonstrations(name: str, count: int) -> tuple[RecordedDemonstration, ...]:
     """Returns demonstrations of a task with random starts in the Near region.
 
-    Each moves the object to the start of the task's one demonstration and then repeats that one.
+    Each moves the object to the start of `TaskDemonstration`, and then repeats that motion.
     """
     task, shown = MakeTask(name), TaskDemonstration(name)
     arena = Arena(task, ScriptedPolicy(task.keyframes, period=RECORDING_PERIOD))

@@ -19,7 +19,7 @@ _BIN = 0.08  # Width of a bin of distances [m].
 _SHOWN_PATHS = 40
 
 _Groups = dict[tuple[str, str], list[ControlTrial]]
-"""Trials by task and policy, without those in hard mode and those that found no start."""
+"""Trials by task and policy, without trials in hard mode and trials without a start pose."""
 
 
 def draw_pictures(trials: Sequence[ControlTrial], folder: Path) -> None:

@@ -38,7 +38,7 @@ def sample_start(
 
     Args:
         arena: The arena to check for collisions.
-        context: The context of its diagram, in which the object is moved.
+        context: A context of the arena's diagram. The object is moved in it.
         shape: Positions of the object's joints, without its pose.
         region: The region to draw from.
         rng: The generator to draw with.

@@ -36,7 +36,7 @@ from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
 
 Trained = Mapping[tuple[str, str], TrainedPointPolicy]
-"""Trained policies by task and name."""
+"""Trained policies by the names of task and policy."""
 
 _WRITING_PERIOD = 60.0  # Time between two writes of the results so far [s].
 
@@ -129,8 +129,8 @@ def run_control_trial(
 ) -> ControlTrial:
     """Runs one trial, whose random numbers depend only on task, region, number and seed.
 
-    `trained` needs an entry for the task only if the policy is a learned one. A trial that ends in
-    an error counts as a failure, and its note is the error.
+    `trained` needs an entry for task and policy only if the policy is a learned one. A trial that
+    ends in an error counts as a failure, and its note is the error.
     """
     rng, hard = trial_generator(task, region, number, seed=seed), region == "hard"
     trial = ControlTrial(task=task, region=region, policy=policy, trial=number)
@@ -181,8 +181,8 @@ def _draw_slip(rng: np.random.Generator) -> Slip:
 def train_policy(task: str, name: str) -> TrainedPointPolicy:
     """Returns a learned policy for a task, from the cache or newly trained.
 
-    A policy that learns from one demonstration gets the task's own; one that learns from several
-    gets demonstrations with random starts in the Near region.
+    A policy that learns from one demonstration gets `TaskDemonstration`. A policy that learns from
+    several gets `NearDemonstrations`.
     """
     (row,) = [row for row in ROWS if row.name == name]
     if row.demonstrations > 1:
@@ -204,7 +204,8 @@ def _train(config: ControlStudyConfig, jobs: int, ray_address: str | None) -> Tr
         for index, end in ends:
             if isinstance(end, LostTrial):
                 raise InvalidValueError(
-                    f"{end}.", remedy="Free some memory, or leave out the learned policies."
+                    f"A learned policy was not trained: {end}.",
+                    remedy="Free some memory, or leave out the learned policies.",
                 )
             trained[wanted[index]] = end
             bar.update()

@@ -11,7 +11,7 @@ from poil_drake.benchmarks.control.trial import TrialConfig
 from poil_drake.errors import InvalidValueError
 
 HARD_POLICIES = ("open_loop", "se3_bcsdm", "field", OURS)
-"""The policies that run in hard mode. There, too, `se3_bcsdm` knows the exact pose.
+"""The policies that run in hard mode. Even there, `se3_bcsdm` knows the exact pose.
 
 The learned policies are left out because only the yaw varies in their demonstrations.
 """
@@ -24,8 +24,8 @@ class HardMode:
     Attributes:
         slip_start: Earliest and latest time at which a slip of the object in the hand begins [s].
         slip_duration: Duration of the slip [s].
-        slip_distance: Shift of the object [m].
-        slip_angle: Rotation of the object [rad].
+        slip_distance: Distance by which the object shifts in the hand [m].
+        slip_angle: Angle by which the object rotates in the hand [rad].
         tracking: Delay and noise of the points.
         trial: When a trial ends: later than usual, because noise can make the object rest briefly.
     """
@@ -75,5 +75,5 @@ class ControlStudyConfig:
                     )
             if len(set(wanted)) < len(wanted):
                 raise InvalidValueError(
-                    f"A {kind} is named twice in '{','.join(wanted)}'.", remedy="List each once."
+                    f"A {kind} is named twice in '{','.join(wanted)}'.", remedy="Name each once."
                 )

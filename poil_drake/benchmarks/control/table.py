@@ -130,7 +130,7 @@ def table_lines(
     Args:
         cells: Results by task, region and policy.
         tasks: Names of the tasks, in the order of the columns.
-        regions: Regions of each task.
+        regions: Regions of the starts. Each task has a column for each region.
         clean: Whether collisions count as failures. If so, the paper's figures are left out.
     """
     columns = [(task, region) for task in tasks for region in regions]

@@ -20,10 +20,8 @@ class TrialConfig:
     Attributes:
         max_time: Time limit [s]: about three times a demonstration.
         look_period: Time between two checks of the state [s].
-        settled_time: A trial ends when the object has hardly moved for this time [s]. Safe entry
-            notices in less time that the object is blocked.
-        settled_motion: The object has hardly moved if it rotates [rad] and shifts [m] by less than
-            this in `settled_time`. At the reference's lowest speed, 2 cm/s, it shifts by 5 cm.
+        settled_time: A trial ends when the object has hardly moved for this time [s].
+        settled_motion: Bounds of rotation [rad] and shift [m] of an object that hardly moves.
         threshold: The contact above which a trial counts as a collision.
     """
 
@@ -81,8 +79,8 @@ def goal_error(
 ) -> float:
     """Returns the object's distance from its place at the demonstration's end [m].
 
-    It is the distance of the driven body's origin (criterion "center", from X_WO (4, 4)), or the
-    mean distance of the points (N, 3) (criterion "points").
+    With criterion "center", it is the distance of the driven body's origin, from X_WO (4, 4). With
+    "points", it is the mean distance of the points (N, 3).
     """
     if criterion == "center":
         return float(np.linalg.norm(X_WO[:3, 3] - shown.X_WO[-1, :3, 3]))
@@ -139,7 +137,7 @@ def RunTrial(
 def _watch(
     arena: Arena, simulator: Simulator, config: TrialConfig, slip: Slip | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Simulates until the end; returns poses (K, 4, 4) and points (K, N, 3), the start included."""
+    """Simulates a trial. Returns poses (K, 4, 4) and points (K, N, 3) from the start to the end."""
     context = simulator.get_context()
     poses, points = [arena.pose(context)], [arena.points(context)]
     earliest = config.settled_time + (0.0 if slip is None else slip.start + slip.duration)
@@ -154,14 +152,14 @@ def _watch(
 
 
 def pair_strains(points: np.ndarray) -> np.ndarray:
-    """Returns the strain (K, P) of each pair of points (K, N, 3) [m] since the first sample."""
+    """Returns the strains (K, P) of the P pairs of points (K, N, 3) [m]; see `ControlTrial`."""
     first, second = np.triu_indices(points.shape[1], 1)
     lengths = np.linalg.norm(points[:, first] - points[:, second], axis=2)
     return np.abs(lengths / lengths[0] - 1.0)
 
 
 def _is_settled(poses: list[np.ndarray], config: TrialConfig) -> bool:
-    """Returns whether all poses (4, 4) of an object are close to the first one."""
+    """Returns whether all poses (4, 4) are within `settled_motion` of the first one."""
     X = np.array(poses)
     turns = rotation_angle(X[1:, :3, :3] @ X[0, :3, :3].T)
     shifts = np.linalg.norm(X[1:, :3, 3] - X[0, :3, 3], axis=1)

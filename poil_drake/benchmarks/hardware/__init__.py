@@ -1,1 +1,1 @@
-"""The main job through the interface of the real robot, and a stand-in robot."""
+"""Trials of `poil run` through the interface of the real robot, and a stand-in robot."""

@@ -1,4 +1,4 @@
-"""The main job on the hardware path: a run and a simulated driver, two processes linked by LCM."""
+"""Trials of `poil run --hardware` against `poil driver`: two processes linked by LCM."""
 
 import json
 import subprocess
@@ -59,7 +59,7 @@ def run_hardware_benchmark(
 
     Args:
         trials: Number of trials, with seeds 0 to trials - 1.
-        speed: Factor on the simulated speed.
+        speed: Speed of the motion, as a share of the simulated speed.
         time_scale: Seconds of the robot's time per second, in both processes.
         json_path: JSON file for the results.
 
@@ -93,7 +93,7 @@ def run_trial(
     Args:
         seed: Seed of object, pose and noise.
         demonstration: File of the demonstration.
-        speed: Factor on the simulated speed.
+        speed: Speed of the motion, as a share of the simulated speed.
         time_scale: Seconds of the robot's time per second.
         folder: Folder for the files of both processes.
 
@@ -172,7 +172,7 @@ def simulated_driver(arguments: Sequence[str], folder: Path) -> Iterator[None]:
 
 
 def summarize(trials: Sequence[HardwareTrial]) -> dict[str, float]:
-    """Returns the figures over all trials, by name."""
+    """Returns statistics over all trials, by name."""
     runs = [trial.run_figures for trial in trials]
     drivers = [trial.driver_figures for trial in trials]
     return {

@@ -174,7 +174,7 @@ class StandInRobot:
         self.lcm.Publish(self.channels.status, message)
 
     def move_hand(self, now: float) -> None:
-        """Moves the hand for one `HAND_PERIOD`, and sends its status, stamped with the time [s]."""
+        """Moves the hand for one `HAND_PERIOD`, and sends its status with the driver's time [s]."""
         if self.hand_command is not None:
             step, goal = _HAND_SPEED * HAND_PERIOD, max(self.hand_command.width, self.setup.holds)
             self.width += min(max(goal - self.width, -step), step)
@@ -252,10 +252,10 @@ def with_own_networks(scenario: "Scenario") -> "Scenario":
 def running_stand_in(
     setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
 ) -> Iterator[subprocess.Popen[str]]:
-    """Runs a stand-in robot as a process, which it yields when the robot is ready.
+    """Starts a stand-in robot as a process, and yields the process when the robot is ready.
 
-    When its standard input is closed, the process prints its records in one line, and ends. At the
-    end of the `with` block it is killed.
+    If its standard input is closed, the process prints its records in one line and ends. It is
+    killed when the `with` block ends.
 
     Args:
         setup: The setup.

@@ -123,7 +123,7 @@ class ControlPath:
 
 
 def _connect(systems: dict[str, LeafSystem]) -> Diagram:
-    """Returns a diagram with the loop's wires; each output of a missing system is an input port."""
+    """Wires systems as in the closed loop. Outputs of absent systems become diagram inputs."""
     builder = DiagramBuilder()
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)

@@ -73,8 +73,8 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
 
     The loop is the whole hardware path: LCM, cameras, tracker in its process, propagator, field,
     inverse kinematics and log. It stays in the phase `follow`, in which the object follows its
-    reference. The stand-in sends a thousand statuses and eight images of the scenario per second,
-    and records the stamps of the commands. The time between two stamps is the measured period. In
+    reference. The stand-in sends 1000 statuses, and eight images of each camera, per second, and
+    records the stamps of the commands. The time between two stamps is the measured period. In
     the middle of the run, the tracker's process is stopped for a second. Before the run, a bare
     loop that only waits measures the jitter of the machine itself.
 
@@ -181,7 +181,7 @@ def _stand_in_setup(scenario: Scenario, plan: ExecutionPlan, folder: Path) -> St
 def _run(
     scenario: Scenario, plan: ExecutionPlan, folder: Path, duration: float
 ) -> tuple[LoopTiming, list[float], float]:
-    """Returns the timing, the start and end of the stall [s], and the run's end [s since epoch]."""
+    """Returns the loop's timing, the stall's start and end [s], the run's end [s since epoch]."""
     with RunLogWriter(folder / "run.mcap", config=RunLogConfig(drop_when_full=True)) as log:
         loop = MakeClosedLoop(scenario, plan, hardware=True, log=log)
         assert isinstance(loop.tracker, PointTracker)

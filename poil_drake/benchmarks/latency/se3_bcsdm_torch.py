@@ -13,7 +13,7 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import PoseTrajectory, Se3
 
 
 class TorchSe3Bcsdm:
-    """The field for batches of poses, in double precision on the CPU.
+    """The field of `se3_bcsdm` for batches of poses, in double precision on the CPU.
 
     Args:
         reference: The demonstrated motion.

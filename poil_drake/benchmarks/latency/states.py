@@ -22,7 +22,7 @@ def moving_body(
         times: (T,) sample times [s].
         X_WO: (T, 4, 4) poses of the body.
         reference: The motion of its points.
-        points: (N, 3) the points in the body's frame [m], within 4 cm.
+        points: (N, 3) the points in the body's frame, within 4 cm along each axis [m].
     """
     times = np.linspace(0.0, 4.0, num_samples)
     s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
@@ -55,7 +55,7 @@ OFFSETS = {"near": (0.005, 3.0, 3.0), "far": (0.3, 60.0, 150.0)}
 
 
 def make_states(X_WO: np.ndarray, points: np.ndarray, where: str) -> States:
-    """Returns states of points (N, 3) at the offset `OFFSETS[where]` from a motion (T, 4, 4)."""
+    """Returns states of a body with points (N, 3), off a motion (T, 4, 4) by `OFFSETS[where]`."""
     distance, smallest, largest = OFFSETS[where]
     random = np.random.default_rng(2)
     base = X_WO[random.integers(len(X_WO), size=_COUNT)]

@@ -1,1 +1,1 @@
-"""The main job over many random trials."""
+"""Many random trials of `poil run`."""

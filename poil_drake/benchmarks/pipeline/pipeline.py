@@ -1,4 +1,4 @@
-"""The main job over many random trials: success, causes of failure, errors, speed."""
+"""Many random trials of `poil run`: success, causes of failure, errors, speed."""
 
 import tempfile
 from collections import Counter

@@ -1,4 +1,4 @@
-"""One random run of the main job."""
+"""One random trial of `poil run`."""
 
 import tempfile
 from collections.abc import Mapping
@@ -107,7 +107,7 @@ def run_trial(
 
 
 def lost_trial(lost: LostTrial) -> Trial:
-    """Returns a failed trial to replace a `run_trial` whose workers were all killed."""
+    """Returns the failed `Trial` that reports a `LostTrial`."""
     task, seed, tracker = lost.arguments
     model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
     return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))

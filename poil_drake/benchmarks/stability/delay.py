@@ -24,9 +24,9 @@ _ETA, _TRACKER_PERIOD, _TRACKER_LATENCY = 3.0, 0.125, 0.1875
 def measure_delay() -> dict[str, Any]:
     """Returns the effect of delay and sampling period on the potential D, by name.
 
-    "verdicts" maps `periods` and `delays`, both times eta, to 0 if D falls, 1 if it rises at times,
-    and 2 if it does not settle. The other entries are the limits in closed form, and a run with the
-    paper's tracker.
+    "delays" and "periods" are the axes of a map, in units of 1 / eta. There, "verdicts" is 0 if D
+    falls, 1 if it rises at times, and 2 if it does not settle. The other entries are limits in
+    closed form, and a run with the paper's tracker.
     """
     W = np.diag(COMPACT_MOMENTS)
     # The centres of cells that fill the map.
@@ -70,8 +70,8 @@ def delayed_flow(
     """Returns the potentials (count + 1, K) of K rotations under delayed, held twists, at eta = 1.
 
     Each rotation is sampled at the start of each period. The twist of a sample, fixed in the world
-    frame, begins to act after the delay, and acts until the next sample's twist does. Until the
-    first sample's twist begins to act, the rotations turn with the field's twist at `start`.
+    frame, begins to act after the delay, and acts until the next sample's twist replaces it. Before
+    the first sample's twist acts, the rotations turn with the field's twist at `start`.
 
     Args:
         W: (3, 3) moment matrix of the points, as in `rotation_potential`.

@@ -57,7 +57,7 @@ def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
 
 
 def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
-    """Draws the results of `measure_sampling`, for runs, rotations and point sets."""
+    """Draws the results of `measure_sampling` in three panels: runs, rotations, point sets."""
     with _figure(path, width=13.5, height=4.3) as figure:
         left, middle, right = figure.subplots(1, 3)
         _draw_runs(left, figures["runs"], mpl.colormaps["viridis"])

@@ -25,9 +25,9 @@ from poil_drake.control.theory.stability import (
 )
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 
-COMPACT_MOMENTS = (1.0, 2.0, 3.0)
+COMPACT_MOMENTS = (1.0, 2.0, 3.0)  # tr(W) I - W has the condition number 1.7.
 ELONGATED_MOMENTS = (0.001, 0.03, 1.0)
-"""Eigenvalues of two point sets' moment matrices W. A = tr(W) I - W has condition 1.7 and 33."""
+"""Eigenvalues of a point set's moment matrix W; tr(W) I - W has the condition number 33."""
 
 _CONDITIONS = 13
 """Number of point sets from compact to elongated."""
@@ -36,7 +36,7 @@ _POINT_NOISE = 0.001
 """Standard deviation of the noise in each coordinate of a point [m]."""
 
 _MIN_ROTATION_SPREAD = 0.002
-"""`BcsdmConfig.min_rotation_spread` of the field whose noise is limited [m]."""
+"""`BcsdmConfig.min_rotation_spread` of the field that limits the effect of noise [m]."""
 
 
 def measure_escape() -> dict[str, Any]:
@@ -75,7 +75,11 @@ def measure_escape() -> dict[str, Any]:
 
 
 def measure_sampling() -> dict[str, Any]:
-    """Returns the effect of holding the twist for a period on runs, rotations and point sets."""
+    """Returns the effects of holding the twist for a sampling period dt, by name.
+
+    "runs" has the potential D over time for some eta dt. "sets" has the largest eta dt that lowers
+    D at random rotations. "curves" has limits of eta dt for point sets from compact to a line.
+    """
     rng = np.random.default_rng(0)
     R = Rotation.random(4000, rng=rng).as_matrix()
     angles = rotation_angle(R)
@@ -115,7 +119,7 @@ def measure_sampling() -> dict[str, Any]:
 
 
 def measure_noise() -> dict[str, Any]:
-    """Returns the noise of omega due to noise in the points, from a compact set to a thin one."""
+    """Returns the noise of omega due to noise in the points, for thin to thick point sets."""
     rng = np.random.default_rng(0)
     spreads = np.geomspace(0.0012, 0.03, _CONDITIONS)
     noise = _POINT_NOISE * rng.normal(size=(200, 8, 3))

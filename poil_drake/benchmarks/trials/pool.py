@@ -32,8 +32,8 @@ class LostTrial:
 
     def __str__(self) -> str:
         return (
-            f"All {self.attempts} workers that ran trial {self.index} {self.arguments!r} "
-            f"ended before it was done; the last one failed with {self.cause}"
+            f"all {self.attempts} workers that ran trial {self.index} {self.arguments!r} "
+            f"ended before the trial was done; the last worker failed with {self.cause}"
         )
 
 
@@ -57,10 +57,10 @@ def run_trials(
     runs again after all others. A trial that has used up `attempts` workers is yielded as a
     `LostTrial`. Other trials are not affected.
 
-    An exception in `function` ends the run. It is raised here as soon as its trial ends: unchanged
-    if it is a `PoilError`, otherwise as a RuntimeError. A trial that may fail should return its
-    failure. No worker is left behind when the run ends, be it by an exception, by a signal, or
-    because the generator is closed.
+    An exception in `function` ends the run. The generator raises it as soon as its trial ends:
+    unchanged if it is a `PoilError`, otherwise as a RuntimeError. To let other trials continue,
+    `function` must return its failure. No worker is left behind when the run ends, be it by an
+    exception, by a signal, or because the generator is closed.
 
     Args:
         function: A function of a module that workers can import, or of the script itself. Arguments
@@ -80,7 +80,7 @@ def run_trials(
 
     Yields:
         index: Index of the trial.
-        result: The return value of `function`.
+        result: The return value of `function`, or a `LostTrial`.
 
     Raises:
         InvalidValueError: if `jobs`, `attempts` or `trials_per_worker` is not positive, or no

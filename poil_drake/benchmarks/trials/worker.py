@@ -46,7 +46,7 @@ def _make_handler(
 
 
 def _exit_with(process: int) -> None:
-    """Ends this process, even during a trial, when another one ends, given its pidfd."""
+    """Waits until the process with a pidfd ends; then ends this process, even in a trial."""
     select.select([process], [], [])
     os._exit(1)
 

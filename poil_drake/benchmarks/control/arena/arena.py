@@ -31,8 +31,7 @@ class ArenaConfig:
     """The physics, which are the same for all policies.
 
     Attributes:
-        time_step: Time step of the plant [s]. At the speed limits, the far side of an object moves
-            4 mm per step.
+        time_step: Time step of the plant [s].
         max_angular_speed: Limit of the angular speed of commanded twists [rad/s].
         max_linear_speed: Limit of the linear speed of commanded twists [m/s].
         actuation: The hand that moves the object.
@@ -49,8 +48,8 @@ def AddTaskPlant(
 ) -> tuple[MultibodyPlant, SceneGraph, RigidBody]:
     """Adds a plant with the task's object and fixtures.
 
-    The weight of a rigid object is compensated; a deforming object hangs in the hand. Contact is
-    hydroelastic: with a single contact point between two boxes, they could rotate into each other.
+    Gravity does not act on a rigid object; a deforming object hangs in the hand. Contact is
+    hydroelastic: at a single contact point, two boxes could rotate into each other.
 
     Returns:
         The finalized plant, its scene graph, and the driven body.
@@ -89,9 +88,9 @@ def PlaceModel(
 
     Args:
         plant: The plant.
-        context: Its context.
+        context: The plant's context.
         body: The model's first body.
-        X_WO: (4, 4) pose of that body.
+        X_WO: (4, 4) pose of `body`.
         shape: Positions of the model's joints.
     """
     q = plant.GetPositions(context, body.model_instance())

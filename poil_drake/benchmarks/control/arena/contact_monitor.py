@@ -10,7 +10,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 _TOLERANCE = 0.01
-"""Contact is intended below this mean distance of the points from an intended sample [m]."""
+"""Largest mean distance of the points from an intended sample of `ContactMonitor` [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,14 +45,14 @@ class ContactMonitor(LeafSystem):
     row-major [m, world]. Outputs are discrete state, initially zero: `impulse` (1,), the integral
     of the magnitudes of all contact forces [N s], and `depth` (1,), the deepest penetration so far
     [m]. Contact does not count while the points are within 1 cm, on average, of one of the K
-    `intended` samples.
+    samples in `intended`.
 
     Args:
         plant: The finalized plant.
         body: A body of the object; contacts within its model instance do not count.
         num_points: N, number of points.
-        intended: (K, N, 3) the points in each sample of the demonstration that has contact [m,
-            world]; None if no contact is intended.
+        intended: (K, N, 3) the points in the demonstration's samples with contact [m, world]; None
+            if no contact is intended.
     """
 
     def __init__(

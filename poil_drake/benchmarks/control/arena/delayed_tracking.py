@@ -18,7 +18,7 @@ class TrackingConfig:
         latency: Time from a capture to its result [s], shorter than `period`; rounded up to a
             multiple of `control_period`.
         noise: Standard deviation of the noise in each coordinate [m].
-        control_period: Period of the propagation [s].
+        control_period: Period at which the points are moved with the hand [s].
     """
 
     period: float = 1 / 8

@@ -23,8 +23,7 @@ class ActuationConfig:
     Attributes:
         gain: Rate at which the object's velocity approaches the commanded one [1/s]. With a time
             step of 1/128 s, it must stay well below 128 / s.
-        max_force: Largest force [N], without the force that carries the weight. An obstacle that
-            withstands it stops the object.
+        max_force: Largest force [N], without the force that carries the weight.
         max_torque: Largest torque [N m].
     """
 
@@ -106,7 +105,7 @@ class DirectActuation(LeafSystem):
 
     Args:
         plant: The finalized plant.
-        body: The driven body. It moves with the mass and inertia of its whole model instance.
+        body: The driven body. The mass and inertia are those of its whole model instance.
         config: Strength and stiffness.
     """
 
@@ -164,9 +163,10 @@ class DirectActuation(LeafSystem):
         output.set_value([applied])
 
     def _slip_velocity(self, context: Context, R: np.ndarray, p_BoCo: np.ndarray) -> np.ndarray:
-        """Returns the velocity (6,) of the object's centre of mass relative to the hand, world.
+        """Returns the velocity (6,) of the object's centre of mass Co relative to the hand, world.
 
-        X_HO = (exp(s turn), s shift), where s is the share of the slip and X_WH is held fixed.
+        In a slip, X_HO = (exp(s turn), s shift), where s is `Slip.share`. R is R_WO, and p_BoCo is
+        in world axes.
         """
         slip, time = self._get_slip(context), context.get_time()
         if not slip.start <= time < slip.start + slip.duration:

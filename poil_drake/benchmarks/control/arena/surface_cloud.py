@@ -1,4 +1,4 @@
-"""Points on the surfaces of collision geometries, seen from all sides."""
+"""Points on the surfaces of collision geometries."""
 
 import numpy as np
 from pydrake.geometry import Box, Capsule, Cylinder, SceneGraphInspector, Shape, Sphere
@@ -71,13 +71,13 @@ def _count(length: float, spacing: float) -> int:
 
 
 def _arc(radius: float, begin: float, end: float, spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the radii (distances from the axis) and the heights of points on an arc."""
+    """Returns points on an arc between two polar angles: distances from the z axis, heights."""
     angle = np.linspace(begin, end, _count(radius * (end - begin), spacing))
     return radius * np.sin(angle), radius * np.cos(angle)
 
 
 def _revolved(radii: np.ndarray, heights: np.ndarray, spacing: float) -> np.ndarray:
-    """Returns points on the surface that an outline sweeps as it rotates about z."""
+    """Returns points (P, 3) on the surface that an outline sweeps as it rotates about z."""
     rings = []
     for r, z in zip(radii, heights, strict=True):
         angle = np.linspace(0.0, 2 * np.pi, max(_count(2 * np.pi * r, spacing) - 1, 1), False)
@@ -86,7 +86,7 @@ def _revolved(radii: np.ndarray, heights: np.ndarray, spacing: float) -> np.ndar
 
 
 def _box(size: np.ndarray, spacing: float) -> np.ndarray:
-    """Returns the points of a grid that lie on a box's faces."""
+    """Returns the points (P, 3) of a grid that lie on a box's faces."""
     axes = [np.linspace(-s / 2, s / 2, _count(s, spacing)) for s in size]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     on_face = np.isclose(np.abs(grid), size / 2).any(axis=1)

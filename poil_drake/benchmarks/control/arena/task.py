@@ -28,7 +28,7 @@ class Fixture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ControlTask:
-    """A task: an object, the fixtures, and the one demonstration.
+    """A task of the paper (POIL): an object, the fixtures, and the one demonstration.
 
     Attributes:
         name: Name in files and on the command line.
@@ -39,12 +39,12 @@ class ControlTask:
         link_points: (N, 3) the points, each in the frame of its link [m].
         times: (K,) times of the demonstration's keyframes [s].
         keyframes: (K, 4, 4) poses of the object's first link at these times.
-        criterion: What must end within 1 cm of its place at the demonstration's end: "center", the
-            origin of the object's frame, or "points", the points on average.
-        far_lower: Lower corner of the Far region, relative to the demonstration's start (x, y) [m].
-        far_upper: Upper corner, relative to the same (x, y) [m].
-        rigid: Whether the object keeps its shape; only then is its weight compensated.
-        paper: Row of the paper's table II -> success rates (near, far) in percent.
+        criterion: Whether the distance from the goal, the demonstration's end, is that of the
+            object's origin ("center") or the mean distance of the points ("points").
+        far_lower: Lower corner (x, y) of the Far region, from the demonstration's start [m].
+        far_upper: Upper corner (x, y) of the Far region, from the demonstration's start [m].
+        rigid: Whether the object keeps its shape. Gravity does not act on a rigid object.
+        paper: Success rates (near, far) [%] by row of the paper's table II.
     """
 
     name: str
@@ -68,7 +68,7 @@ class ControlTask:
 
 
 NEAR_HALF = (0.05, 0.05)
-"""Half the extent in x and y of the Near region, in which demonstrations start [m]."""
+"""Half the extent in x and y of the Near region, centred at the demonstration's start [m]."""
 
 SUCCESS_DISTANCE = 0.01
-"""A trial succeeds below this distance from the goal, as in the paper [m]."""
+"""A trial succeeds below this distance from the goal, as in the paper (POIL) [m]."""

@@ -17,7 +17,7 @@ from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_mesh import handle_mesh
 
 POINT_COUNT = 10
-"""Number of points, N_k in the paper."""
+"""Number of points, N_k in the paper (POIL)."""
 
 _ABOVE_TABLE = 0.005
 """Height above the table or shelf at which objects start and end, so as not to touch it [m]."""
@@ -142,7 +142,7 @@ _MAKERS: dict[str, Callable[[], ControlTask]] = {
 }
 
 TASKS = tuple(_MAKERS)
-"""The names of the tasks, in the order of the paper's table."""
+"""The names of the tasks, in the order of POIL's table II."""
 
 
 def _straight_keyframes(
@@ -154,7 +154,7 @@ def _straight_keyframes(
 
 
 def _box_points(size: tuple[float, float, float]) -> np.ndarray:
-    """Returns points (N, 3) on the surface of a box, far apart and without symmetry [m]."""
+    """Returns points (N, 3) on the surface of a box, spread out, but without symmetry [m]."""
     rng = np.random.default_rng(0)
     samples = rng.uniform(-0.5, 0.5, size=(600, 3))
     face = rng.integers(0, 3, size=600)
@@ -164,7 +164,7 @@ def _box_points(size: tuple[float, float, float]) -> np.ndarray:
 
 
 def _strap_points(bag: BagParameters) -> tuple[tuple[str, ...], np.ndarray]:
-    """Returns N link names, and points (N, 3) on both strap sides, each in its link's frame [m]."""
+    """Returns N link names of a bag's strap, and a point (N, 3) on each, in its frame [m]."""
     lengths = np.linalg.norm(np.diff(handle_vertices(bag), axis=0), axis=1)
     places = np.linspace(0.5, bag.links - 0.5, POINT_COUNT)
     links = np.minimum(places.astype(int), bag.links - 1)

@@ -11,7 +11,7 @@ class PointPolicyConfig:
         period: Time between two samples of a demonstration, and between two steps of the policy
             [s]. 1/16 s is exact in binary and makes a chunk reach 1.25 s ahead.
         history: Number of observations the network sees, with the current one; as in the paper.
-        chunk: Number of future positions that it predicts for each point; as in the paper.
+        chunk: Number of future positions predicted for each point; as in the paper.
         aggregation_rate: m in the weights exp(-m i) of overlapping chunks, where i = 0 is the
             oldest chunk (Zhao et al., RSS 2023); as in the paper.
         width: Length of a token. The paper uses 256, on a GPU; 64 trains in under a minute on one

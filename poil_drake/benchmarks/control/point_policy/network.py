@@ -42,10 +42,10 @@ def weight_shapes(config: PointPolicyConfig, points: int) -> dict[str, tuple[int
 
 
 def initial_weights(config: PointPolicyConfig, points: int) -> dict[str, np.ndarray]:
-    """Returns the initial weights: Glorot's for matrices, zero for biases and the head.
+    """Returns the initial weights: Glorot's for matrices, zero for biases and the output layer.
 
     The output matrices of residual branches are divided by the square root of the number of
-    branches, as in GPT-2 (Radford et al., 2019).
+    branches, as in GPT-2 (Radford et al., 2019). The "identity" vectors are standard normal.
     """
     rng = np.random.default_rng(config.seed)
     weights = {}

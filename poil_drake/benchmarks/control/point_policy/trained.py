@@ -10,8 +10,8 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.network import Weights, forward
 
 _SMALLEST_HALF_RANGE = 1e-3
-"""Lower bound of half the box's size along each axis [m]. Without it, noise along an axis on which
-the data hardly vary would be magnified."""
+"""Lower bound of half the size of the box of `Normalization` [m]. Without it, noise would be
+magnified along an axis on which the data hardly vary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,7 @@ class Normalization:
     """The bounding box of the data, which is mapped to the cube from -1 to 1.
 
     Past and future positions are absolute and share one box: the smallest and largest coordinates
-    of all points in all demonstrations, as in the paper. The paper's cube goes from 0 to 1. Since
-    linear layers with biases read and write the normalized values, the network can represent the
-    same functions either way; with -1 to 1, training starts in the middle of the data.
+    of all points in all demonstrations, as in the paper. The paper's cube goes from 0 to 1.
 
     Attributes:
         lower: (3,) smallest coordinates in the data [m, world].
@@ -38,13 +36,13 @@ class Normalization:
         return cls(positions.min(axis=(0, 1)), positions.max(axis=(0, 1)))
 
     def numbers(self, positions: np.ndarray) -> np.ndarray:
-        """Normalizes positions (..., L, N, 3) [m, world] to values (..., N, 3 L), float32."""
+        """Returns normalized values (..., N, 3 L), float32, of L samples (..., L, N, 3) [m]."""
         numbers = (positions - self._center()) / self._half_range()
         per_point = np.swapaxes(numbers, -3, -2)
         return per_point.reshape(*per_point.shape[:-2], -1).astype(np.float32)
 
     def positions(self, numbers: np.ndarray) -> np.ndarray:
-        """Returns the positions (L, N, 3) [m, world] of normalized values (N, 3 L)."""
+        """Returns the L samples (L, N, 3) [m, world] of normalized values (N, 3 L)."""
         in_cube = numbers.reshape(len(numbers), -1, 3).swapaxes(0, 1)
         return self._center() + self._half_range() * in_cube
 

@@ -16,15 +16,15 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.runtime.user_cache import cached_directory
 
 TRAINING_VERSION = 3
-"""To be increased when the same data and settings give different weights or another file."""
+"""Part of the cache's key. Increase it when training gives other weights or another format."""
 
 
 def load_or_train(
     demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
 ) -> TrainedPointPolicy:
-    """Returns a policy trained on the demonstrations, from the user's cache if it is there.
+    """Returns the trained policy from the user's cache. If it is missing, trains and saves it.
 
-    Several processes may train the same policy at the same time.
+    Several processes may call this function at the same time.
 
     Args:
         demonstrations: As for `train_point_policy`.

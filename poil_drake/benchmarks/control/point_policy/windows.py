@@ -11,10 +11,10 @@ from poil_drake.geometry.rigid_transform import rotation_exp
 def cut_windows(
     demonstrations: Sequence[np.ndarray], config: PointPolicyConfig
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns one window for each sample of each demonstration, after appending rest samples.
+    """Returns one window for each sample of each demonstration, including rest samples.
 
-    Rest samples repeat the last sample. The first sample is repeated to fill the first histories,
-    as in the policy, and the last one to fill the last futures.
+    Each demonstration is extended by rest samples, which repeat its last sample. Where a window
+    reaches beyond an end of the demonstration, it repeats the sample at that end.
 
     Args:
         demonstrations: (T_i, N, 3) each [m, world], the same N points in all.
@@ -39,10 +39,10 @@ def perturb_histories(
 ) -> np.ndarray:
     """Returns histories (B, H, N, 3) [m] as if the motion so far had strayed or stopped.
 
-    A random shift and a random rotation about the centroid perturb the current observation. They
-    fade linearly, over the length of the history, into another random shift and rotation. So both
-    the points and their recent motion are off. In some histories, the points seem to have stopped.
-    Because the futures stay the same, the network learns to return and to continue.
+    Two random motions, each a shift and a rotation about the centroid, perturb the beginning and
+    the end of a history; in between, they are interpolated linearly. So the points and their recent
+    motion are off. In some histories, the points seem to have stopped. The network learns to return
+    and to continue, because the futures stay the same.
 
     Args:
         histories: (B, H, N, 3) [m], oldest first.

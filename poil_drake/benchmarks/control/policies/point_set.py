@@ -30,7 +30,7 @@ class FieldPolicy(Policy):
     def step(
         self, state: float | None, observation: Observation
     ) -> tuple[float | None, CommandedTwist]:
-        """Returns the closest time on the reference and the twist; zero if the points are lost."""
+        """Returns the closest time on the reference, and the twist (zero if points are lost)."""
         output = point_set_bcsdm(
             observation.points,
             self._reference,
@@ -73,7 +73,7 @@ class SafeEntryPolicy(Policy):
     def step(
         self, state: EntryPolicyState, observation: Observation
     ) -> tuple[EntryPolicyState, CommandedTwist]:
-        """Returns the next state, and the twist that follows the plan; zero if there is none."""
+        """Returns the next state and the twist that follows the plan. It is zero without a plan."""
         entry = safe_entry_step(
             state.entry,
             observation.points,
@@ -86,7 +86,7 @@ class SafeEntryPolicy(Policy):
 
 
 def _command(output: BcsdmOutput | None) -> CommandedTwist:
-    """Returns the field's twist; zero if there is no output or the points are lost."""
+    """Returns the field's twist; a zero twist for None or if the points are lost."""
     if output is None or output.status is BcsdmStatus.LOST:
         return CommandedTwist(np.zeros(6), np.zeros(3))
     return CommandedTwist(output.twist, output.centroid)

@@ -45,7 +45,7 @@ LEARNED = {
     "pp_50": PointPolicyConfig(translation_noise=0.0, rotation_noise=0.0, halt_probability=0.0),
     "pp_50_noise": PointPolicyConfig(),
 }
-"""Settings of the learned policies: as published, and with noise on the observations."""
+"""Settings of the learned policies, without and with noise on the observations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,10 +111,10 @@ def MakePolicy(
 
 
 def field_config(task: str, noise: float) -> BcsdmConfig:
-    """Returns the field's parameters for a task, chosen so that true points are not outliers.
+    """Returns the field's parameters for a task, such that noisy points are not outliers.
 
-    The inlier distance is the default plus the deformation in the demonstration plus 3.4 standard
-    deviations of the noise [m]. Of three-dimensional noise, 99 % lies within this distance.
+    The inlier distance is the sum of its default, `TaskDeformation`, and 3.4 standard deviations
+    of the noise [m]. The noise shifts 99 % of the points by less than 3.4 standard deviations.
     """
     default = BcsdmConfig().inlier_distance
     limit = default + 3.4 * noise + TaskDeformation(task)
@@ -124,9 +124,9 @@ def field_config(task: str, noise: float) -> BcsdmConfig:
 def monitor_config(task: str, noise: float) -> EntryMonitorConfig:
     """Returns the settings of safe entry, such that an object at the goal does not seem blocked.
 
-    The expected error at the goal is 1.6 standard deviations of the noise [m], which is the mean
-    distance of noisy points from the true ones, and, added in quadrature, the deformation. The
-    stall error is at least 1.5 times that.
+    The error to expect at the goal is the root sum of squares of `TaskDeformation` and 1.6 standard
+    deviations of the noise, the mean distance by which it shifts points [m]. The stall error is at
+    least 1.5 times the error to expect.
     """
     expected = 1.5 * math.hypot(1.6 * noise, TaskDeformation(task))
     return EntryMonitorConfig(stall_error=max(EntryMonitorConfig().stall_error, expected))
@@ -168,7 +168,7 @@ def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _se3_bcsdm(task: str) -> Se3BcsdmPolicy:
-    """Returns the policy that knows the pose. Its reference is that of six points on the object."""
+    """Returns the policy for a known pose. Its reference is made from six points on the object."""
     corners = 0.05 * np.concatenate([np.eye(3), -np.eye(3)])
     poses = TaskDemonstration(task).X_WO[:, None]
     reference = ReferenceAlong(task, transform_points(poses, corners[None])[:, 0])

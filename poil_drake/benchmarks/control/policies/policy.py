@@ -47,12 +47,12 @@ class Policy(Protocol):
     period: float = 1 / 64
 
     def start(self) -> Any:
-        """Returns the state before the first step; None unless a policy needs another."""
+        """Returns the state before the first step; None by default."""
         return None
 
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
         """Returns the next state and the motion until the next step.
 
-        The argument `state` is not modified. If the state has an attribute `note`, it becomes the
-        note of the trial.
+        The argument `state` is not modified. An attribute `note` of the last state becomes
+        `ControlTrial.note`.
         """

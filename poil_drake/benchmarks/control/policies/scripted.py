@@ -38,7 +38,7 @@ class ReplayPlan(NamedTuple):
     """The planned motion of the hand.
 
     Attributes:
-        begin: When it begins [s].
+        begin: Time at which the motion begins [s].
         poses: (K, 4, 4) poses of the hand, one per period.
     """
 
@@ -49,9 +49,8 @@ class ReplayPlan(NamedTuple):
 class OpenLoopPolicy(Policy):
     """Moves the object straight to the demonstration's start, then repeats the demonstration.
 
-    As in correspondence-based transfer, the points are observed once, at the beginning. From then
-    on the hand tracks planned poses with feedback from its own pose, as an arm does from its
-    joints. The object is not observed again.
+    The points are observed once, at the beginning. From then on, the hand tracks planned poses with
+    feedback from its own pose only.
 
     Args:
         points: (T, N, 3) the demonstrated points, one sample per `period` [m, world].
@@ -77,7 +76,7 @@ class OpenLoopPolicy(Policy):
     def step(
         self, state: ReplayPlan | None, observation: Observation
     ) -> tuple[ReplayPlan | None, CommandedTwist]:
-        """Returns the plan and the motion to its next pose; at rest until all points are seen."""
+        """Returns the plan and the motion to its next pose; None and rest until points are seen."""
         if state is None:
             if not observation.confidence.all():
                 return None, CommandedTwist(np.zeros(6), observation.X_WH[:3, 3])
@@ -110,7 +109,7 @@ def _track(poses: np.ndarray, k: int, X: np.ndarray, period: float) -> Commanded
 
     Args:
         poses: (K, 4, 4) planned poses, one per `period`; the last one is held.
-        k: Index of the planned pose at present.
+        k: Index of the pose that is planned for the present.
         X: (4, 4) the measured pose.
         period: Time between two poses [s].
     """
