@@ -15,8 +15,8 @@ from poil_drake.transfer.progress import Progress
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
 
 _MIN_INTERVAL = 0.06
-"""Frames that follow the last tracked frame by less than this are skipped [s]. The tracker bridges
-twice this time in the control loop."""
+"""Frames that follow the last tracked frame by less than this are skipped [s]. In the control loop,
+where the tracker runs at 8 Hz, tracked frames are twice as far apart."""
 
 _INLIER_DISTANCE = 0.01
 """Largest distance of a point from where the object's motion since the first frame puts it [m].
@@ -93,13 +93,13 @@ def track_demonstration(
 
 
 def _rigid_confidence(first: np.ndarray, points: TrackedPoints) -> np.ndarray:
-    """Returns the confidence (N,), which is 0 for points that did not move with the others.
+    """Returns the confidences (N,) of `points`; 0 for points that did not move with the others.
 
     All confidences are 0 if no more than half of the points moved together.
 
     Args:
         first: (N, 3) the points in the first frame [m, world].
-        points: The points now.
+        points: The points in a later frame.
     """
     confidence = points.confidence.copy()
     seen = np.flatnonzero((confidence > 0.0) & np.isfinite(first).all(axis=1))

@@ -14,8 +14,8 @@ is -[omega], and _CURL @ M is sum_i a_i x b_i for M = sum_i a_i b_i^T."""
 
 
 _ROUNDING, _TINY = 1e-14, 1e-200
-"""Parts of the trace of W, relative and absolute [m^2], added to the eigenvalues of A so that they
-are positive for collinear points, too."""
+"""Added to the eigenvalues of A in `fit_twist`, as a fraction of tr(W) and in m^2, so that they are
+positive for collinear points, too."""
 
 
 class TwistFit(NamedTuple):

@@ -57,7 +57,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def steps(self) -> np.ndarray:
-        """(T, 2, 3 N) from each sample to the next and to the one before [m]; 0 beyond the ends."""
+        """(T, 2, 3 N) steps from each sample to the next and the previous [m]; 0 if none exists."""
         forward = np.diff(self.positions.reshape(self.times.size, -1), axis=0)
         padded = np.pad(forward, ((1, 1), (0, 0)))
         return _constant(np.stack([padded[1:], -padded[:-1]], axis=1))
