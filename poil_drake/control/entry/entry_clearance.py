@@ -76,8 +76,8 @@ def required_clearance(
 
     The required clearance is the known clearance less the tolerance. If this is below 3 mm, the
     required clearance grows with the distance up to 3 mm. Beyond the tube radius it always grows.
-    It is infinite if the known clearance reaches the limit, so that the caller's minimum over all
-    poses and the limit ignores this pose.
+    The result is infinite where the known clearance reaches the limit. The caller takes the minimum
+    of the results and the limit.
 
     Args:
         known: Clearances at the known poses [m], of any shape.

@@ -178,7 +178,7 @@ def _planned(state: EntryState, now: _Inputs, *, avoid_field: bool = False) -> E
 
 
 def _without_points(state: EntryState) -> EntryState:
-    """Returns the state if the points do not determine a motion."""
+    """Returns the next state if the points do not determine a motion."""
     if state.plan is None or state.plan.kind is EntryKind.OFF:
         return state
     return replace(state, status=EntryStatus.HOLDING, output=None)

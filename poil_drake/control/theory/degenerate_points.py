@@ -25,7 +25,7 @@ class PointSetShape(enum.Enum):
 
     COLLINEAR = enum.auto()
     """A line: the rotation about it is not determined. The field is LOST if the points are closer
-    to the line than `min_spread`, and slows this rotation below `min_rotation_spread`."""
+    to it than `BcsdmConfig.min_spread`, and slows this rotation below `min_rotation_spread`."""
 
     COPLANAR = enum.auto()
     """A plane: every rotation is determined, and the field's guarantee holds."""

@@ -31,7 +31,7 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
     So the fastest escape from every saddle has rate 1 for all points.
 
     Raises:
-        InvalidValueError: if W is that of collinear points.
+        InvalidValueError: if W belongs to collinear points.
     """
     eigenvalues = regular_eigenvalues(W)
     rates = np.eye(3)

@@ -174,7 +174,7 @@ def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
 
 
 def _grip(y: np.ndarray, tip: float, X_WSeed: np.ndarray, alignment: float) -> Grip:
-    """Returns the grip on points at ascending y (K,), with z = `tip` of the tips [seed's frame]."""
+    """Returns the grip on points at ascending y (K,), the tips at z = `tip` [m, seed's frame]."""
     low, high = y[0], y[-1]
     origin = np.array([0.0, 0.5 * (low + high), tip - GRIPPER.tip_end])
     contact_z = tip - 0.5 * _INSERTION_DEPTHS[0]

@@ -23,10 +23,10 @@ _PART_POINTS, _CONTEXT_POINTS = 200, 300  # For finalists.
 _DESCENT_STEPS, _FINAL_STEPS = 12, 30  # Of candidates and of finalists.
 
 _SEARCH_WIDTH, _FIRST_WIDTH, _MIDDLE_WIDTH, _LAST_WIDTH = 0.35, 0.5, 0.16, 0.12
-"""Truncation widths of the Chamfer distance, in units of the part's root mean square radius: that of
-the search, and those at the start of the descent, between its two stages and at its end. The width
-is large at first, so that distant parts find each other, and about the sensor's noise at the end (2
-to 3 mm on a handle)."""
+"""Truncation widths of the Chamfer distance in the search, and at the start of the descent, between
+its two stages and at its end, in units of the part's root mean square radius. The width is large at
+first, so that distant parts find each other, and about the sensor's noise at the end (2 to 3 mm on
+a handle)."""
 
 _CONTEXT_WIDTH = 0.1  # Width for the rest of the object in the final score.
 
