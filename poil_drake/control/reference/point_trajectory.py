@@ -45,7 +45,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def cost_terms(self) -> np.ndarray:
-        """(4 N, T) negative positions (3 N) [m] and half their squares (N) [m^2] of each sample."""
+        """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2]."""
         halves = 0.5 * np.vecdot(self.positions, self.positions)
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
         return _constant(terms.T.copy())

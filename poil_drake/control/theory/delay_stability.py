@@ -2,7 +2,7 @@
 
 Near the goal, the field drives each component e of the object's offset by e' = -eta e. This is
 exact for the centroid, and holds to first order for a small rotation in the body's frame. With
-delayed points it becomes a linear delay equation.
+delayed points the equation becomes a linear delay equation.
 """
 
 from collections.abc import Callable
