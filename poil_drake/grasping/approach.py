@@ -8,9 +8,9 @@ from poil_drake.planning.rrt_connect import VectorSpace, rrt_connect
 from poil_drake.robots.panda_kinematics import PandaModel
 
 _RESOLUTION = 0.05
-"""Distance between the configurations checked along an edge [rad]. At full reach 0.05 rad moves the
-hand by 3 cm. The collision margin and the robot's spheres, which are larger than its links, allow
-for that."""
+"""Distance between the configurations checked along an edge [rad]. In between, the hand is at most
+3 cm from its nearest checked position. The collision margin and the robot's spheres, which are
+larger than its links, cover most of this distance."""
 
 _LIMIT_MARGIN = 0.03  # [rad] Distance kept from the joint limits.
 _LONGEST_EDGE = 0.6  # [rad] Of the search tree.
@@ -37,8 +37,7 @@ def plan_joint_path(
         is_free: Returns which configurations (B, 7) [rad] are free of collisions: (B,) bool.
         q_start: (7,) first configuration [rad].
         q_goal: (7,) last configuration [rad].
-        iterations: Largest number of rounds of tree growth. A limit on time would make the result
-            depend on the machine's speed.
+        iterations: Largest number of rounds of tree growth.
         seed: Seed of the search and the shortcuts.
 
     Raises:

@@ -23,7 +23,7 @@ _PARTS = {
     "descent": JointTrajectory,
     "grasp": GraspCandidate,
 }
-"""The fields of a plan that are dataclasses themselves."""
+"""The fields of a plan that are dataclasses themselves, with their types."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,10 +42,10 @@ class ExecutionPlan(SharedOnCopy):
         grasp: The grasp.
         approach: Joint motion from the robot's configuration at planning time to the pre-grasp.
         descent: Joint motion from the pre-grasp to the grasp.
-        lift_height: Height of the lift before the field takes over [m].
+        lift_height: Height of the lift before the controller's velocity field takes over [m].
         retreat_distance: Length of the retreat after release [m].
-        nominal_posture: (7,) posture towards which the rehearsal pulled the arm in the null space
-            of the gripper's motion [rad].
+        nominal_posture: (7,) joint positions towards which the rehearsal pulled the arm where the
+            gripper's motion left it free [rad].
         metadata: Origin of the plan, such as versions, seed, scenario and costs. JSON must be able
             to represent all values.
     """
@@ -183,7 +183,8 @@ class ExecutionPlan(SharedOnCopy):
 def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns the values of a dataclass's fields, after checking their types.
 
-    In `values` a prefix precedes the names of the fields. Without a prefix, `_PARTS` are left out.
+    `values` has each under its field's name, preceded by `prefix`. An empty prefix means the plan
+    itself, whose fields in `_PARTS` are skipped.
     """
     found = {}
     for entry in fields(kind):

@@ -61,17 +61,17 @@ def unpack(data: bytes, *, name: str) -> dict[str, Any]:
     stream = io.BytesIO(data)
     try:
         if not zipfile.is_zipfile(stream):  # NumPy would try to unpickle it.
-            raise TypeError("it is not an archive")
+            raise TypeError("the file is not an archive")
         # Checked before reading: a small file may unpack to more than fits into memory.
         with zipfile.ZipFile(stream) as packed:
             if sum(entry.file_size for entry in packed.infolist()) > LARGEST_PLAN:
-                raise TypeError(f"it unpacks to more than {LARGEST_PLAN >> 20} MB")
+                raise TypeError(f"the file unpacks to more than {LARGEST_PLAN >> 20} MB")
         stream.seek(0)
         with np.load(stream, allow_pickle=False) as archive:
             values = dict(archive)
         for entry, value in values.items():
             if not isinstance(value, np.ndarray):  # NumPy returns unknown entries as bytes.
-                raise TypeError(f"its entry '{entry}' is not an array")
+                raise TypeError(f"the entry '{entry}' is not an array")
     # Damage makes zipfile, zlib, NumPy or Python's tokenizer fail, each with its own exceptions.
     except Exception as error:
         reason = " ".join(str(error).split()).rstrip(".") or type(error).__name__

@@ -82,7 +82,7 @@ def _draw(
 
 
 def _gripper_lines(opening: float) -> np.ndarray:
-    """Returns segments (4, 2, 3) that draw a gripper [m, gripper frame] with an opening [m]."""
+    """Returns the segments (4, 2, 3) of a drawn gripper with an opening [m, gripper frame]."""
     y, z = 0.5 * opening, -0.04
     corners = np.array([[0, y, 0], [0, y, z], [0, -y, z], [0, -y, 0], [0, 0, z], [0, 0, 2 * z]])
     return corners[[[0, 1], [1, 2], [2, 3], [4, 5]]]

@@ -103,7 +103,7 @@ def plan_execution(
             object and the robot do not count as obstacles.
         q_start: (7,) the arm's present configuration [rad].
         model: The arm.
-        config: Parameters; None for the defaults.
+        config: None for the defaults.
         seed: Seed for choosing surface points and for searching the approach.
         metadata: Further entries of the plan's metadata, such as the scenario's name.
         progress: Called with the current activity and its completed fraction.
@@ -206,7 +206,10 @@ def _first_reachable(
     seed: int,
     progress: Progress | None,
 ) -> tuple[GraspChoice, JointTrajectory, JointTrajectory]:
-    """Returns the first choice for which an approach is found, with its approach and descent."""
+    """Returns the first choice for which an approach is found, with its approach and descent.
+
+    If there is none, the error of the last choice is raised.
+    """
     failure: PlanningError | None = None
     for number, choice in enumerate(choices):
         if progress:

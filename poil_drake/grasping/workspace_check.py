@@ -8,8 +8,8 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.posture_guard import PostureGuard
 
 _SLACK = 0.002
-"""Motions to a rehearsed grasp may keep this much less than the margin [m]. Their samples, and
-therefore their postures, differ slightly from those of the rehearsal."""
+"""Motions to a rehearsed grasp may fall short of the margin by this much [m]. Their samples, and
+therefore their postures, differ slightly from the rehearsed ones."""
 
 _SAG = 0.001
 """The arm may start this far outside its boxes [m], because a stop at a face may leave it there."""
@@ -44,12 +44,12 @@ class WorkspaceCheck:
             raise PlanningError(
                 "The arm is outside its workspace box: "
                 f"{self._guard.tightest_face(q_start[None])}.",
-                remedy="Move the arm inside, or widen the box (poil.safety.posture).",
+                remedy="Move the arm into the box, or widen the box (poil.safety.posture).",
             )
         self._least = np.minimum(feasibility.workspace_margin - _SLACK, start) - _ROUNDING
 
     def is_within(self, q: np.ndarray) -> np.ndarray:
-        """Returns whether each configuration (B, 7) [rad] keeps the margin: (B,) bool."""
+        """Returns which configurations (B, 7) [rad] keep the margin: (B,) bool."""
         if self._guard is None:
             return np.ones(len(q), dtype=bool)
         return (self._guard.face_distances(q) >= self._least).all(axis=1)

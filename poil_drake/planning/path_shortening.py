@@ -93,9 +93,10 @@ def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> n
 
 
 def _smoothed(corners: np.ndarray, along: np.ndarray, even: np.ndarray, width: float) -> np.ndarray:
-    """Returns the path (K, D), averaged over windows about the lengths `even` (K,).
+    """Returns averages (K, D) of a path over windows centred at the lengths `even` (K,) along it.
 
-    The windows have the length `width`, and are shorter near the ends.
+    The windows have the length `width`, and are shorter near the ends. `along` has the corners'
+    lengths along the path.
     """
     halves = np.minimum(0.5 * width, np.minimum(even, along[-1] - even))
     offsets = np.linspace(-1.0, 1.0, 21)

@@ -24,7 +24,7 @@ def poses_of(vectors: np.ndarray) -> np.ndarray:
 def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
     """Returns the vectors (B, 7) of poses (B, 4, 4), with the quaternions' signs of `same_side`.
 
-    Each quaternion has twice the length of the radius [m]. A small distance between vectors then
+    Each quaternion is twice as long as the radius [m]. A small distance between vectors then
     approximates the motion of a point at this radius, and is at least 1 / sqrt(2) of this motion.
     """
     q = quaternion(X[:, :3, :3])
@@ -33,7 +33,7 @@ def vectors_of(X: np.ndarray, radius: float) -> np.ndarray:
 
 
 def same_side(vectors: np.ndarray) -> np.ndarray:
-    """Returns the vectors (B, 7), each with the quaternion's sign nearest to the vector before."""
+    """Returns the vectors (B, 7), with the quaternions' signs that keep successive ones close."""
     products = np.einsum("bi,bi->b", vectors[1:, 3:], vectors[:-1, 3:])
     signs = np.cumprod(np.concatenate([[1.0], np.where(products < 0.0, -1.0, 1.0)]))
     vectors = vectors.copy()

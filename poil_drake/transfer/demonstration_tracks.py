@@ -102,13 +102,13 @@ def _next_frame(stamps: np.ndarray, k: int, speed: float) -> int:
 
 
 def _rigid_confidence(first: np.ndarray, points: TrackedPoints) -> np.ndarray:
-    """Returns the confidence (N,), which is 0 for points that did not move with the others.
+    """Returns the confidences (N,) of `points`; 0 for points that did not move with the others.
 
     All confidences are 0 if no more than half of the points moved together.
 
     Args:
         first: (N, 3) the points in the first frame [m, world].
-        points: The points now.
+        points: The points in a later frame.
     """
     confidence = points.confidence.copy()
     seen = np.flatnonzero((confidence > 0.0) & np.isfinite(first).all(axis=1))

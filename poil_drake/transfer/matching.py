@@ -32,14 +32,14 @@ def transferred_positions(
 ) -> np.ndarray:
     """Returns where the demonstrated motion takes the target's points.
 
-    At each time the points are rigidly aligned with the tracked configuration by the Kabsch method,
-    with the tracker's confidence as weights (POIL section III-A).
+    At each time the Kabsch method aligns the points rigidly with the tracked ones, with the
+    tracker's confidence as weights (POIL section III-A).
 
     Args:
         target_points: (N, 3) [m, world].
         tracks: Motion of the N demonstrated points.
-        posed_by: (N, 3) points that are aligned instead of the target's own [m, world], which then
-            move along rigidly; None aligns the target's own points.
+        posed_by: (N, 3) points to align instead of the target points [m, world]. The target points
+            then move along rigidly. None aligns the target points.
 
     Returns:
         (T, N, 3) [m, world]; NaN at times at which fewer than 3 points were observed.

@@ -27,9 +27,9 @@ class TransferConfig:
     Attributes:
         num_points: N_k, the number of points that represent the part (POIL: 10).
         alignment: Parameters of the coarse alignment.
-        pose_by_deformed_points: Whether to align the deformed points with the tracks, as the paper
-            does. By default the coarsely aligned points are used, and the deformed ones move along
-            rigidly, because the deformation turns the part towards its visible side.
+        pose_by_deformed_points: Whether to align the points after the non-rigid registration with
+            the tracks, as the paper does. By default the coarsely aligned points are aligned, and
+            the registered ones move along rigidly. Registration turns parts to their visible side.
     """
 
     num_points: int = 10

@@ -5,7 +5,7 @@ from scipy.spatial import cKDTree
 
 SYMMETRY_TOLERANCE = 0.15
 """Largest Chamfer distance between a symmetric part and its turned copy, relative to the part's
-root mean square radius. It is about 0.15 for a handle of 25 mm by 8 mm seen from one side only."""
+root mean square radius. For a handle of 25 mm by 8 mm seen from one side, the distance is 0.15."""
 
 _KEPT = 0.8  # Fraction of the points that count, nearest first; the rest may have no counterpart.
 
@@ -17,9 +17,9 @@ def half_turns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         points: (P, 3) the part [m].
 
     Returns:
-        The half turns (3, 3, 3), starting with the axis of the largest extent, and the trimmed mean
-        distances (3,) between the part and its turned copies, relative to the part's root mean
-        square radius.
+        The rotation matrices (3, 3, 3), starting with the axis of the largest extent, and the
+        trimmed mean distances (3,) between the part and its turned copies, relative to the part's
+        root mean square radius.
     """
     arms = points - points.mean(axis=0)
     _, axes = np.linalg.eigh(arms.T @ arms)

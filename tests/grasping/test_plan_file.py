@@ -70,7 +70,7 @@ def test_unreadable_file_is_named(tmp_path, content):
     path = tmp_path / "plan.npz"
     path.write_bytes(content)
 
-    with pytest.raises(PlanFileError, match=r"plan.npz' cannot be read: it is not an archive"):
+    with pytest.raises(PlanFileError, match=r"plan.npz' cannot be read: the file is not"):
         ExecutionPlan.load(path)
 
 

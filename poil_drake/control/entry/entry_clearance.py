@@ -15,8 +15,8 @@ TOLERANCE = 0.002
 their points do not locate contacts better."""
 
 _CONTACT_FLOOR = 0.003
-"""Around a demonstrated contact the required clearance first grows to this [m]. Below it, clouds
-with 4 to 6 mm between their points do not distinguish touching from crossing."""
+"""Around a demonstrated contact the required clearance grows to this within the tube radius [m].
+Below it, clouds with 4 to 6 mm between their points do not distinguish touching from crossing."""
 
 _GROWTH = 0.5
 """Growth of the required clearance with the distance from the demonstration [m/m]."""
@@ -27,14 +27,14 @@ class EntryClearanceConfig:
     """The required clearance.
 
     Attributes:
-        margin: Clearance kept unless the demonstration itself comes closer [m]. A tracker's noise
-            of 3 mm moves the far side of an object of 10 cm by about 5 mm; this is twice that.
-        tube_radius: Up to this distance from a demonstrated pose, or from the start, the clearance
-            of that pose is enough [m, farthest point]. The object may therefore pass narrow places
-            slightly off its path.
-        deformation: Mean distance of the points from one rigid shape that is due to the object's
-            deformation [m]. With 0, a bag that bends looks as if its pose were uncertain, and may
-            therefore come closer to the scene.
+        margin: Clearance kept unless the demonstration itself comes closer [m]. 1 cm is twice the
+            motion of the far side of an object of 10 cm that a tracker's noise of 3 mm causes.
+        tube_radius: Up to this distance of the object's farthest point from a demonstrated pose, or
+            from the start, the clearance of this pose is enough [m]. The object may therefore pass
+            narrow places slightly off its path.
+        deformation: Mean distance by which the object's deformation moves the points off one rigid
+            shape [m]. With 0, the pose of a bag that bends seems uncertain, so the bag may come
+            closer to the scene.
     """
 
     margin: float = 0.01
@@ -54,7 +54,7 @@ class EntryStart(NamedTuple):
 
     Attributes:
         X_WB: (4, 4) pose of the object.
-        clearance: Distance from the object to the scene's points, at most the model's `reach` [m].
+        clearance: Distance from the object to the scene's points, at most `EntryModel.reach` [m].
         height: Height of the object above the ground [m]; infinite without a ground.
         uncertainty: Uncertainty of clearance and height [m], at most the margin.
     """
@@ -74,14 +74,14 @@ def required_clearance(
 ) -> np.ndarray:
     """Returns the clearances [m] required at given distances from poses of known clearance.
 
-    The required clearance is the known clearance less the tolerance. If that is below 3 mm, the
+    The required clearance is the known clearance less the tolerance. If this is below 3 mm, the
     required clearance grows with the distance up to 3 mm. Beyond the tube radius it always grows.
-    Around poses whose clearance reaches the limit, it is infinite, because they allow nothing less
-    than the margin.
+    The result is infinite where the known clearance reaches the limit. The caller takes the minimum
+    of the results and the limit.
 
     Args:
         known: Clearances at the known poses [m], of any shape.
-        distances: Distances from the known poses [m, farthest point]; broadcast against `known`.
+        distances: Distances of the farthest point from these poses [m]; broadcast against `known`.
         limit: The clearance that guarantees the margin [m].
         tolerance: How much less than the known clearance is enough [m].
         tube_radius: See `EntryClearanceConfig` [m].

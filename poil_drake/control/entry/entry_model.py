@@ -67,7 +67,7 @@ class EntryModel:
         object_points: np.ndarray,
         config: EntryClearanceConfig,
     ):
-        """Fits the object to the reference and measures its clearance there.
+        """Fits the object to the reference and measures its clearance along the reference.
 
         Args:
             reference: The reference of the points.
@@ -151,7 +151,7 @@ class EntryModel:
         return np.minimum(self._body.clearance(X_WB, reach), self._body.height(X_WB))
 
     def bounds(self, start: EntryStart, room: float) -> tuple[np.ndarray, np.ndarray]:
-        """Returns two corners (3,) of a box in which a motion can pass all obstacles [m, world].
+        """Returns the lower and upper corner (3,) of a box with room to pass obstacles [m, world].
 
         Args:
             start: Start of the motion.
@@ -166,7 +166,7 @@ class EntryModel:
         return lower, upper
 
     def displacement(self, X_WA: np.ndarray, X_WB: np.ndarray) -> np.ndarray:
-        """Returns bounds (A, B) on the motion of the object's points between any two poses [m].
+        """Returns upper bounds (A, B) on the motion of the object's points between two poses [m].
 
         The bound is the distance between the origins plus `radius` times the angle of rotation.
 
@@ -184,8 +184,7 @@ class EntryModel:
 
         The required clearance is the margin. It is less near the start and near demonstrated poses
         that have less clearance themselves; see `required_clearance`. An object that starts closer
-        to the ground may stay as close on the whole motion, which cannot cross the ground
-        undetected.
+        to the ground than the margin may stay as low during the whole motion.
 
         Args:
             X_WB: (B, 4, 4) poses of the object.
@@ -215,7 +214,7 @@ class EntryModel:
         return free
 
     def edges(self, start: EntryStart) -> EdgeChecker:
-        """Returns the collision check of straight edges between pose vectors, from `start`."""
+        """Returns the check of edges between pose vectors, for a motion that starts at `start`."""
         # A step ds along an edge shifts the origin by dp and turns the quaternion by dq, with
         # dp^2 + dq^2 <= ds^2. Where the edge cuts across, the quaternion is as short as 1 / sqrt(2)
         # of its length at the ends, so a point moves by dp + sqrt(2) dq <= sqrt(3) ds.

@@ -18,7 +18,7 @@ _CHECK_PERIOD = 1.0 / 16.0
 """Time between two checks of whether the object is on its path [s]."""
 
 _PROGRESS_ADVANCE, _PROGRESS_GAIN = 0.05, 0.005
-"""The increase of tau [s], or the decrease of the mean error [m], that counts as progress."""
+"""Progress is an increase of `EntryState.tau` by this [s], or a decrease of the mean error [m]."""
 
 
 def safe_entry_step(
@@ -78,7 +78,7 @@ class _Inputs(NamedTuple):
 
 
 def _attempt_is_due(state: EntryState, now: _Inputs) -> bool:
-    """Returns whether it is time to try to plan, for a state without a plan."""
+    """Returns whether the next attempt to plan is due in a state without a plan."""
     waited = now.time - state.attempt_time
     if state.status is EntryStatus.FAILED and not _have_moved(state, now):
         return waited >= now.config.failed_period
@@ -86,7 +86,7 @@ def _attempt_is_due(state: EntryState, now: _Inputs) -> bool:
 
 
 def _have_moved(state: EntryState, now: _Inputs) -> bool:
-    """Returns whether the points have moved since the last attempt."""
+    """Returns whether the points have moved by `jump` since the last attempt to plan."""
     if state.attempt_points is None:
         return False
     moved = np.linalg.norm(now.points - state.attempt_points, axis=1)
@@ -178,7 +178,7 @@ def _planned(state: EntryState, now: _Inputs, *, avoid_field: bool = False) -> E
 
 
 def _without_points(state: EntryState) -> EntryState:
-    """Returns the state after points that do not determine a motion."""
+    """Returns the next state if the points do not determine a motion."""
     if state.plan is None or state.plan.kind is EntryKind.OFF:
         return state
     return replace(state, status=EntryStatus.HOLDING, output=None)

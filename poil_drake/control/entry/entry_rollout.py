@@ -59,8 +59,8 @@ def roll_out_entry(
 ) -> EntryRollout:
     """Returns the object's path under the field until it joins the reference.
 
-    The rollout stops earlier if the object collides, or if it leaves the reference where that is in
-    contact with the scene.
+    The rollout stops earlier if the object collides, or if it leaves a part of the reference that
+    is in contact with the scene.
 
     Args:
         model: Object and scene.
@@ -95,7 +95,7 @@ def roll_out_entry(
 
 
 def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
-    """Returns the pose after a step: the body turns about the centroid, which moves straight."""
+    """Returns the next pose: the body turns about the centroid, and the centroid moves straight."""
     omega, arm = output.omega, X[:3, 3] - output.centroid
     speed = float(np.linalg.norm(output.v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
     duration = min(_STEP_TIME, _STEP_LENGTH / max(speed, 1e-9))

@@ -72,7 +72,7 @@ class EntryMonitorConfig:
             )
 
     def patience_after(self, returns: int) -> float:
-        """Returns the patience [s] after `returns` plans for an object that was off its path."""
+        """Returns the patience [s] after `returns` attempts to plan for an object off its path."""
         return min(self.patience + returns * self.patience_step, self.max_patience)
 
 
@@ -94,7 +94,7 @@ class EntryState(SharedOnCopy):
         lost_since: Time when the points were lost [s]; infinite while they are observed.
         best_tau: Largest tau on this plan [s].
         best_error: Least mean error on this plan [m].
-        progress_time: Time of the last progress [s], shifted by the time that does not count.
+        progress_time: Time of the last progress [s], plus the time that is not counted as a stall.
         attempts: Number of successive attempts that found no path.
         attempt_time: Time of the last of these attempts [s].
         attempt_points: (N, 3) the points at that time [m, world]; None if there was no attempt.

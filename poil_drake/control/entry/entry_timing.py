@@ -30,9 +30,9 @@ def extended_reference(
     """Returns a reference that follows a transit and then the demonstration from a sample on.
 
     On the transit the points keep the shape that they have at this sample, so that they do not jump
-    there. The transit arrives with the speed of the demonstration, or with the cruising speed if it
-    is lower. Its velocities are those of rigid motions and never zero, so the field advances
-    everywhere up to the reference's end.
+    there. The transit arrives with the demonstration's speed, but at most the cruising speed. Its
+    velocities are those of rigid motions and never zero, so the field advances everywhere up to the
+    reference's end.
 
     Args:
         reference: The demonstration.
@@ -68,9 +68,9 @@ def extended_reference(
 
 
 def _lengths(motions: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Returns the length (K - 1,) [m] of each step: of the points' path, or of the turn if longer.
+    """Returns the length (K - 1,) [m] of each step: the points' path, or the turn if it is longer.
 
-    The length of a turn is the distance that the cruising speed covers while the turn lasts.
+    A turn is as long as the distance that the cruising speed covers in the time of the turn.
     """
     moved = rms_length(np.diff(transform_points(motions, shape), axis=0))
     turns = rotation_log(motions[1:, :3, :3] @ motions[:-1, :3, :3].swapaxes(-1, -2))

@@ -38,8 +38,7 @@ class TransitConfig:
     Attributes:
         goals: Number of samples to search a path to; the last one is drawn at random. Several are
             tried because the object may be trapped at some of them, like a ring on a rod.
-        iterations: Number of rounds of tree growth for each goal. Rounds, unlike time, make the
-            outcome independent of the machine's speed.
+        iterations: Largest number of rounds of tree growth for each goal.
     """
 
     goals: int = 4
@@ -118,9 +117,9 @@ def searched_transit(
 ) -> Transit | None:
     """Returns a path found by RRT-Connect, shortened and with rounded corners; None without one.
 
-    Goals with more clearance are tried first, in steps of 7.5 mm up to 3 cm, and the nearest first
-    among equals. The last goal is drawn at random from the other candidates, so that every
-    candidate is tried with some seed.
+    Goals with more clearance are tried first, and the nearest first among equals. Clearances are
+    rounded down to multiples of 7.5 mm, up to 3 cm. The last goal is drawn at random from the other
+    candidates, so that every candidate is tried with some seed.
 
     Args:
         model: Object, scene and reference.
@@ -158,9 +157,7 @@ def searched_transit(
 
 
 def _turned_evenly(corners: np.ndarray, edges: EdgeChecker) -> np.ndarray:
-    """Returns the path with its rotation spread evenly over its length, if that path is free.
-
-    The search rotates the object at random, which takes time and is useless where there is room.
+    """Returns a path with its rotation spread evenly over its length, or unchanged if not free.
 
     Args:
         corners: (K, 7) pose vectors with signs as in `same_side`.

@@ -144,7 +144,7 @@ class SafeEntryPlanner:
             )
 
     def unguarded(self) -> EntryPlan:
-        """Returns the plan to follow the demonstration itself with the field that was passed."""
+        """Returns the plan to follow the demonstration with the field given to the constructor."""
         return EntryPlan(replace(self.model.reference), self._unguarded, EntryKind.OFF, _NO_GUIDE)
 
     def plan(
@@ -204,11 +204,11 @@ class SafeEntryPlanner:
         """Returns the plan to continue with; None if the given plan is no longer safe.
 
         The planned path consists of the reference's pose at tau and the rest of the guide. If the
-        object is within `on_way` of this path, or within the uncertainty of its own pose, the plan
-        is kept without the guide's poses that the object has passed. If the object is within
+        object is within `on_way` of this path, or within the uncertainty of its pose, the plan is
+        kept without the guide's poses that the object has passed. If the object is within
         `tube_radius`, the field is rolled out from its pose. If the field leads back without a
-        collision, the plan is kept with the rolled-out path as its guide. Otherwise, and farther
-        away, the plan is no longer safe.
+        collision, the plan is kept with the rolled-out path as its guide. In all other cases the
+        plan is no longer safe.
 
         Args:
             plan: The plan being followed.

@@ -30,8 +30,8 @@ class BcsdmConfig:
         min_spread: Smallest root mean square distance of the points from their best-fitting line
             that determines a rotation [m]. A mug's handle has 8 mm or more.
         min_rotation_spread: A rotation about an axis is slowed if the points' root mean square
-            distance from the axis is below this [m], because it would follow their noise. 0, as in
-            the paper, never slows it. 2 mm keeps the effect of a tracker's noise of 1 mm over ten
+            distance from the axis is below this [m], because noise dominates it. 0, as in the
+            paper, never slows it. 2 mm keeps the effect of a tracker's noise of 1 mm over ten
             points below 10 deg.
         outlier_test: How mistracked points are found and excluded. "rigidity" excludes points that
             do not fit a rigid motion to the closest configuration, see `rigid_inliers`. "velocity"

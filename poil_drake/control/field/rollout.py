@@ -89,8 +89,8 @@ def rollouts(
         lost = rows[field.status == BcsdmStatus.LOST]
         if len(lost) > 0:
             raise TrackingError(
-                f"At the starts {lost.tolist()}, the {points.shape[1]} points do not determine a "
-                "motion.",
+                f"At the starts with indices {lost.tolist()}, the {points.shape[1]} points do not "
+                "determine a motion.",
                 remedy="Pass at least three finite points that are not collinear.",
             )
         taus[rows], potentials[rows] = field.tau, field.potential

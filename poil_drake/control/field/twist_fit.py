@@ -14,8 +14,8 @@ is -[omega], and _CURL @ M is sum_i a_i x b_i for M = sum_i a_i b_i^T."""
 
 
 _ROUNDING, _TINY = 1e-14, 1e-200
-"""Parts of the trace of W, relative and absolute [m^2], added to the eigenvalues of A so that they
-are positive for collinear points, too."""
+"""Added to the eigenvalues of A in `fit_twist`, as a fraction of tr(W) and in m^2, so that they are
+positive for collinear points, too."""
 
 
 class TwistFit(NamedTuple):
@@ -60,8 +60,8 @@ def fit_twist(
     About a principal axis from which the points are a root mean square distance s away, noise in
     the velocities is divided by s. If s is below s0 = `min_rotation_spread`, the rotation about
     this axis is scaled by (s / s0)^2. Noise is then divided by at least s0, and the rotation fades
-    out as the points approach the axis. The potential D of POIL eq. 4 still falls, because each
-    axis contributes to its rate separately.
+    out as the points approach the axis. The potential D of POIL eq. 4 still falls, because the
+    rotation about each axis lowers D separately.
 
     Args:
         points: (..., N, 3) positions [m].

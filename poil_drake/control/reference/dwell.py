@@ -17,8 +17,7 @@ def split_motion(
 ) -> list[slice]:
     """Returns the stretches of samples in which the points move, in order.
 
-    The other samples are pauses. A reference must not contain pauses: the closest configuration
-    advances only where the reference does, so the field would stop at a pause.
+    The other samples are pauses. A reference must not contain them: the field would stop there.
 
     Args:
         times: (T,) [s].

@@ -137,10 +137,10 @@ def make_reference(
 def sharp_turns(positions: np.ndarray) -> np.ndarray:
     """Returns the samples at which a path (T, N, 3) turns by more than 60 degrees in 3N dimensions.
 
-    Below 90 degrees the central difference at a sample points along the segments on both sides.
-    Then the field vanishes at no configuration of the reference's shape before the goal: points at
-    rest are at x = x* + x*' / eta, but x - x* points neither along the segment ahead of the closest
-    configuration nor against the one behind. 60 degrees leave a margin for the controller's steps.
+    Below 90 degrees the velocity x*' at a sample x* points along the segments before and after it.
+    Then the field vanishes at no configuration x of the reference's shape before the goal. It
+    would need x - x* = x*' / eta, but x - x* points neither along the segment after the closest
+    configuration x* nor against the one before. 60 degrees leave a margin for control steps.
     """
     steps = np.diff(positions.reshape(len(positions), -1), axis=0)
     steps = steps / np.linalg.norm(steps, axis=1, keepdims=True)
@@ -189,7 +189,10 @@ def _anchored(
     X: np.ndarray,
     config: ReferenceConfig,
 ) -> np.ndarray:
-    """Returns the poses of all stretches, each blended into the rest poses before and after it."""
+    """Returns the poses of all stretches, each blended into the rest poses before and after it.
+
+    `fine` has the times of the smoothed poses, `times` those of the fitted poses `X`.
+    """
     begins = [-np.inf] + [fine[s.stop - 1] for s in stretches]
     ends = [fine[s.start] for s in stretches] + [np.inf]
     rests = [_rest_pose(times, X, b, e, config) for b, e in zip(begins, ends, strict=True)]

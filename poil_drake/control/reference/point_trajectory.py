@@ -45,7 +45,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def cost_terms(self) -> np.ndarray:
-        """(4 N, T) negative positions (3 N) [m] and half their squares (N) [m^2] of each sample."""
+        """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2]."""
         halves = 0.5 * np.vecdot(self.positions, self.positions)
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
         return _constant(terms.T.copy())
@@ -57,7 +57,7 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def steps(self) -> np.ndarray:
-        """(T, 2, 3 N) from each sample to the next and to the one before [m]; 0 beyond the ends."""
+        """(T, 2, 3 N) steps from each sample to the next and the previous [m]; 0 if none exists."""
         forward = np.diff(self.positions.reshape(self.times.size, -1), axis=0)
         padded = np.pad(forward, ((1, 1), (0, 0)))
         return _constant(np.stack([padded[1:], -padded[:-1]], axis=1))

@@ -63,9 +63,10 @@ def interpolate_poses(times: np.ndarray, X: np.ndarray, query_times: np.ndarray)
 
 
 def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Returns the indices (Q, M) of the samples within four bandwidths of each query time.
+    """Returns the indices (Q, M) of the samples around each query time.
 
-    M is the largest number of samples that any query needs, and at least 7 if there are so many.
+    M is the largest number of samples within four bandwidths of a query time, but at least 7 if
+    there are so many samples.
     """
     reach = 4.0 * bandwidth
     begin = np.searchsorted(times, query_times - reach)
@@ -77,7 +78,7 @@ def _nearby_samples(times: np.ndarray, query_times: np.ndarray, bandwidth: float
 
 
 def _value_and_slope_weights(offsets: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Returns weights (Q, 2, M) of samples at times (Q, M) [s] in a fit's value and slope at 0."""
+    """Returns the weights (Q, 2, M) of samples at `offsets` (Q, M) [s] in the fit and its slope."""
     # Relative to the nearest sample, so that not all weights underflow in a gap.
     squares = (offsets / bandwidth) ** 2
     gaussian = np.exp(-0.5 * (squares - squares.min(axis=1, keepdims=True)))

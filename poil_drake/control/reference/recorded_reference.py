@@ -16,8 +16,7 @@ def reference_from_samples(
 
     The pauses before and after the motion are cut off. Velocities are central differences, and zero
     at the end. Nothing is smoothed and no rigid shape is fitted, so the reference deforms as the
-    object did. For tracked points of a rigid object use `make_reference`, which fits one shape to
-    all samples and leaves out outliers.
+    object did. For tracked points of a rigid object use `make_reference`.
 
     Args:
         times: (T,) sample times [s], increasing.

@@ -10,8 +10,8 @@ from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 
 _START = 3
-"""Number of first samples. A point that is an outlier in all of them changes its place on the shape
-afterwards, because the shape is that of most samples."""
+"""A point that is an outlier in this many first samples changes its place on the shape afterwards,
+because the shape is that of most samples."""
 
 
 def fit_rigid_motion(
@@ -20,11 +20,7 @@ def fit_rigid_motion(
     """Returns the rigid shape, and its poses, that fit tracked points best.
 
     Generalised Procrustes analysis: poses are fitted to the shape and the shape to the poses, in
-    turn. The outliers of a sample are left out of both.
-
-    A reference must be rigid, because a rigid object cannot take another shape. Otherwise the
-    potential D would stay above zero, the object might never be within the goal's tolerance, and
-    the field would follow the tracker's noise.
+    turn. Neither fit includes a sample's outliers.
 
     Args:
         positions: (T, N, 3) tracked positions [m, world]; NaN where a point was not observed.
@@ -78,7 +74,11 @@ def _procrustes(
     counted: np.ndarray,
     average: Callable[..., np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns shape and poses after three rounds, which converge far below the points' noise."""
+    """Returns shape and poses after three rounds, which converge far below the points' noise.
+
+    `body` is the first guess of the shape, `counted` (U, N) leaves out outliers, and `average`
+    combines the positions of a point relative to the shape.
+    """
     weights = counted.astype(float)
     ever = counted.any(axis=0)
     for _ in range(3):

@@ -13,8 +13,8 @@ lying on it [m]. It is about a tracker's noise."""
 
 _MIN_GAP = 0.05
 """Points have a rotational symmetry if the relative difference (l_j - l_i) / (l_j + l_i) of two
-eigenvalues of W is below this. It is also the rate, over eta, at which the flow drifts along the
-circle of nearly critical rotations."""
+eigenvalues of W is below this. Times eta, the difference is the rate at which the field drifts
+along the circle of nearly critical rotations; see `critical_rotations`."""
 
 
 class PointSetShape(enum.Enum):
@@ -25,7 +25,7 @@ class PointSetShape(enum.Enum):
 
     COLLINEAR = enum.auto()
     """A line: the rotation about it is not determined. The field is LOST if the points are closer
-    to the line than `min_spread`, and slows this rotation below `min_rotation_spread`."""
+    to it than `BcsdmConfig.min_spread`, and slows this rotation below `min_rotation_spread`."""
 
     COPLANAR = enum.auto()
     """A plane: every rotation is determined, and the field's guarantee holds."""
@@ -38,7 +38,7 @@ class PointSetCondition(NamedTuple):
     """How well points determine a rotation, in their principal axes.
 
     Attributes:
-        eigenvalues: (3,) of W = sum_i w_i r_i r_i^T about the centroid, ascending [m^2].
+        eigenvalues: (3,) l of W = sum_i w_i r_i r_i^T about the centroid, ascending [m^2].
         axes: (3, 3) the principal axes as columns.
         axis_distances: (3,) root mean square distance of the points from each axis [m]:
             sqrt((l_i + l_j) / sum_i w_i) about axis k.

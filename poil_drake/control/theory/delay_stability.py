@@ -2,7 +2,7 @@
 
 Near the goal, the field drives each component e of the object's offset by e' = -eta e. This is
 exact for the centroid, and holds to first order for a small rotation in the body's frame. With
-delayed points it becomes a linear delay equation.
+delayed points the equation becomes a linear delay equation.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import numpy as np
 from poil_drake.errors import InvalidValueError
 
 LARGEST_DELAY_GAIN = np.pi / 2.0
-"""The largest eta d for which e'(t) = -eta e(t - d) is stable; at this value e = cos(eta t)."""
+"""e'(t) = -eta e(t - d) is stable for eta d below this; at this value e = cos(eta t) persists."""
 
 LARGEST_DELAY_GAIN_WITHOUT_OVERSHOOT = 1.0 / np.e
 """The largest eta d for which e' = -eta e(t - d) decays without overshooting the goal. Up to it,

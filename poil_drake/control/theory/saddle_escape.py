@@ -31,7 +31,7 @@ def escape_rates(W: np.ndarray) -> np.ndarray:
     So the fastest escape from every saddle has rate 1 for all points.
 
     Raises:
-        InvalidValueError: if W is that of collinear points.
+        InvalidValueError: if W belongs to collinear points.
     """
     eigenvalues = regular_eigenvalues(W)
     rates = np.eye(3)
@@ -63,6 +63,6 @@ def escape_time(rate: float, start: float | np.ndarray, end: float) -> np.ndarra
     if not rate > 0.0:
         raise InvalidValueError(
             f"escape_time() got a rate of {rate} 1/s.",
-            remedy="Pass a positive rate; in other directions the flow does not leave the saddle.",
+            remedy="Pass a positive rate; with any other the flow does not leave the saddle.",
         )
     return np.log(np.tan(0.5 * end) / np.tan(0.5 * np.asarray(start))) / rate

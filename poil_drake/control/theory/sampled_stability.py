@@ -59,7 +59,7 @@ def largest_speed(W: np.ndarray) -> float:
     The right-hand side is 1 for equal eigenvalues and approaches 2 for l_1 << l_2 << l_3.
 
     Raises:
-        InvalidValueError: if W is that of collinear points.
+        InvalidValueError: if W belongs to collinear points.
     """
     low, middle, high = regular_eigenvalues(W)
     excess = middle * (high - low) ** 2

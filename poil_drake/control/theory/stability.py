@@ -30,7 +30,7 @@ def regular_eigenvalues(W: np.ndarray) -> np.ndarray:
     """Returns the eigenvalues (3,) of W [m^2], in ascending order and not negative.
 
     Raises:
-        InvalidValueError: if W is that of collinear points, which do not determine a rotation.
+        InvalidValueError: if W belongs to collinear points, which do not determine a rotation.
     """
     eigenvalues = np.linalg.eigvalsh(W)
     if eigenvalues[0] + eigenvalues[1] <= 1e-12 * eigenvalues[2]:

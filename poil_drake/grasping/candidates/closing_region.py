@@ -24,8 +24,8 @@ _INSERTION_DEPTHS = (0.016, 0.012)
 12 mm holds poorly, and more than 16 mm brings the hand near the edge."""
 
 _BODY_DEPTHS = (0.036, 0.026)
-"""How far the fingertips reach past the edge of other bodies [m]. Round bodies are widest well
-below their top."""
+"""How far the fingertips reach past the edge of a body that is wider than a thin wall [m]. Round
+bodies are widest well below their top."""
 
 _THIN_WALL = 0.015  # [m] Nothing wider than this is a thin wall.
 _GAP = 0.009  # [m] Wider gaps in the points along the closing axis separate two walls.
@@ -64,10 +64,10 @@ def find_grips(
 ) -> list[Grip]:
     """Returns the grips at one point of the surface for one approach direction.
 
-    Only points that the width of the pads covers count. Along the approach, they begin at an edge:
-    a rim, or the top of a body. Behind this edge, gaps between the points along the closing axis
-    separate walls. Every run of neighbouring walls that contains the seed's wall and fits into the
-    hand is a possible grip. A wall that is seen from one side only is a very thin run.
+    Points beside the pads do not count. Along the approach, the other points begin at an edge: a
+    rim, or the top of a body. Behind this edge, gaps between the points along the closing axis
+    separate walls. A run is one wall, or several neighbouring ones. Every run that contains the
+    seed's wall and fits into the hand is a possible grip.
 
     Args:
         seed: (3,) a point on the surface [m, world].
@@ -102,14 +102,13 @@ def find_grips(
 
 
 def _edge(own: np.ndarray) -> tuple[float, float] | None:
-    """Returns z and y of the first edge of the seed's wall along the approach [m, seed's frame].
+    """Returns z and y of the edge at which the seed's wall begins [m, seed's frame].
 
-    The search looks at a column about the approach direction. A tilted wall leaves this column
-    before its edge, so the column follows the wall until the edge comes no nearer. The result is
-    None if the wall has too few points.
+    The search starts at the seed. It follows a tilted wall along y until z of the edge decreases no
+    more. The result is None if the wall has too few points.
 
     Args:
-        own: (K, 3) points that the width of the pads covers [m, seed's frame].
+        own: (K, 3) points between the pads' sides [m, seed's frame: y closing, z approach].
     """
     center, edge = 0.0, np.inf
     while True:
@@ -124,18 +123,18 @@ def _edge(own: np.ndarray) -> tuple[float, float] | None:
 
 
 def _strip_edge(wall: np.ndarray) -> float:
-    """Returns the median of the edge's z in three strips of the pad, because it may be tilted."""
+    """Returns z of a wall's edge: the median of three strips, because the edge may be tilted."""
     strips = np.linspace(-0.5, 0.5, 4) * _PAD_WIDTH
     firsts = [wall[(wall[:, 0] >= low) & (wall[:, 0] <= high), 2] for low, high in pairwise(strips)]
     return float(np.median([z.min() for z in firsts if z.size]))
 
 
 def _runs(own: np.ndarray, center: float) -> list[np.ndarray]:
-    """Returns the runs of walls that contain the wall at y = `center` and fit into the hand.
+    """Returns the runs of neighbouring walls that contain the seed's wall and fit into the hand.
 
     Args:
-        own: (K, 3) points between the fingers in the seed's frame [m].
-        center: Position of the seed's wall along the closing axis [m].
+        own: (K, 3) points between the fingers [m, seed's frame].
+        center: y of the seed's wall [m].
 
     Returns:
         The indices of each run's points, by increasing y.
@@ -175,7 +174,7 @@ def _alignment(own: np.ndarray, cosines: np.ndarray) -> float:
 
 
 def _grip(y: np.ndarray, tip: float, X_WSeed: np.ndarray, alignment: float) -> Grip:
-    """Returns the grip on points at increasing y (K,) [m], with the fingertips at z = `tip`."""
+    """Returns the grip on points at ascending y (K,), the tips at z = `tip` [m, seed's frame]."""
     low, high = y[0], y[-1]
     origin = np.array([0.0, 0.5 * (low + high), tip - GRIPPER.tip_end])
     contact_z = tip - 0.5 * _INSERTION_DEPTHS[0]

@@ -84,7 +84,7 @@ def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_closing_space(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the corners of the boxes, and of one more for the space between the fingertips."""
+    """Returns the corners of the boxes, and of a box that fills the space between the fingers."""
     space_lower, space_upper = lower[0].copy(), upper[0].copy()
     space_lower[1], space_upper[1] = upper[2, 1], lower[0, 1]
     return np.vstack([lower, space_lower]), np.vstack([upper, space_upper])

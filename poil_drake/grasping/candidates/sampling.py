@@ -51,12 +51,11 @@ def sample_antipodal_grasps(
 ) -> list[GraspCandidate]:
     """Samples antipodal grasps that approach roughly from above and leave the part free.
 
-    The closing axes are surface normals at random points: the normal of the point's neighbourhood,
-    which contains both faces of a thin wall, and the cloud's own normal if it differs. Approach
-    directions are tried all around each axis. The surfaces between the fingers determine the grip
-    (`find_grips`). The boxes of the open gripper must be clear of the object, the part, the
-    obstacles and the table. Half a turn about the approach direction changes only the arm's
-    configuration, so each grasp is returned both ways.
+    Each of some random surface points gives up to two closing axes: the normal of `wall_normals`,
+    and the normal in `object_cloud` if it differs. Approach directions are tried all around each
+    axis. The surfaces between the fingers determine the grip (`find_grips`). The boxes of the open
+    gripper must be clear of the object, the part, the obstacles and the table. Each grasp is
+    returned twice, half a turn about the approach direction apart.
 
     Args:
         object_cloud: The whole object [m, world], with or without normals.

@@ -137,10 +137,13 @@ def predict_object_path(
 
 
 def _excess(clearance: np.ndarray, required: np.ndarray, lift_steps: int) -> float:
-    """Returns `ObjectPath.excess`, given clearances (T, P) of points and required ones (T,) [m]."""
+    """Returns `ObjectPath.excess`, given clearances (T, P) of points and required ones (T,) [m].
+
+    During the lift, the first `lift_steps`, only points closer than at the start count.
+    """
     if clearance.shape[1] <= _STRAY_POINTS:
         return 0.0
-    # During the lift, only clearances that shrink count: the object starts on a surface.
+    # The object starts on a surface.
     lift = clearance[:lift_steps]
     lift[lift >= clearance[0]] = np.inf
     near = np.partition(clearance, _STRAY_POINTS, axis=1)[:, _STRAY_POINTS]

@@ -34,13 +34,13 @@ def follow_path(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the arm's configurations along gripper paths, each from its own start configuration.
 
-    The arm follows the samples one by one, like differential inverse kinematics. Motion in the null
-    space pulls it towards its nominal posture. Where the arm cannot reach a sample, it gets as
-    close as possible and continues with the next sample.
+    The arm follows the poses one by one, like differential inverse kinematics. Motion in the null
+    space pulls it towards its nominal posture. Where the arm cannot reach a pose, it gets as
+    close as possible and continues with the next pose.
 
     Args:
         model: The arm.
-        q_start: (B, 7) start configurations [rad], near the first samples.
+        q_start: (B, 7) start configurations [rad], near the first poses.
         X_WG: (B, T, 4, 4) gripper poses to pass through, in the world.
         times: (T,) times of the poses [s], increasing or decreasing.
 
@@ -69,7 +69,7 @@ def follow_path(
 def back_off(
     model: PandaModel, q_start: np.ndarray, X_WG: np.ndarray, distances: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Follows straight gripper paths against the approach direction, as `follow_path` does.
+    """Returns `follow_path` along straight gripper paths against the approach direction.
 
     Args:
         model: The arm.

@@ -29,12 +29,12 @@ from poil_drake.robots.posture_guard import PostureGuard
 _STRAIGHT_STEPS = 6  # Samples of each straight motion.
 
 _SMALLEST_SINGULAR_VALUE = 0.01
-"""Below this, a gripper speed of 0.1 m/s requires joint speeds of several rad/s."""
+"""Smallest accepted `manipulability`. Below, 0.1 m/s require joint speeds of several rad/s."""
 
 _OBJECT_CONTACT = 0.004
 """The object collides if it falls short of its required clearance by more than this [m]. A smaller
 shortfall only adds cost. Away from the goal 6 mm are required, so a distance below 2 mm is a
-collision: clouds with 3 to 5 mm between their points come this close where surfaces intersect."""
+collision. Where surfaces intersect, clouds with 3 to 5 mm between their points come this close."""
 
 # Exceeding these margins brings no further advantage.
 _COMFORTABLE_LIMIT_MARGIN = 0.35  # [rad] Distance to the joint limits.
@@ -64,7 +64,7 @@ class FeasibilityChecker:
         self._guard = None if posture is None else PostureGuard(model=model, config=posture)
 
     def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns arm configurations (R, 7) [rad], and the index (R,) of the grasp each reaches."""
+        """Returns arm configurations (R, 7) [rad] at grasps, and the grasps' indices (R,)."""
         return distinct_solutions(
             self._model, np.array([candidate.X_WG for candidate in candidates])
         )
@@ -151,10 +151,9 @@ class FeasibilityChecker:
     def _clearance(
         self, candidate: GraspCandidate, motions: tuple[np.ndarray, ...], path: ObjectPath
     ) -> float:
-        """Returns the robot's smallest clearance [m].
+        """Returns the robot's smallest clearance [m] in `motions`: approach, carry and retreat.
 
-        Until the lift ends it is that of the robot without fingers, because the sampler has checked
-        the fingers at the grasp.
+        The fingers count only after the lift, because the sampler has checked them at the grasp.
         """
         approach, carry, retreat = motions
         lifted = path.samples >= path.lift_end

@@ -123,7 +123,7 @@ _REMEDIES = {
 
 
 def _rank(finding: Feasibility) -> tuple[float, int, float]:
-    """Returns the sort key of findings: feasible ones by cost, then those that failed latest."""
+    """Returns the sort key of findings: feasible by cost, then others, last `Failure` first."""
     passed = -_FAILURES.index(finding.failure) if finding.failure else 0
     outside = finding.failure is Failure.WORKSPACE
     return finding.cost, passed, -finding.workspace_clearance if outside else 0.0

@@ -62,8 +62,8 @@ class CloudTerm:
         target: (m, 3) target points about their centre, likewise.
         source_normals: (n, 3) unit normals times their weight; zeros if normals are ignored.
         target_normals: (m, 3) likewise.
-        metric: (m, 3, 3) square roots of the matrices that weight offsets from the target points in
-            the descent. The weight is 1 across the surface and small along it, so that clouds can
+        metric: (m, 3, 3) matrices by which the descent multiplies offsets from the target points.
+            They keep offsets across the surface and shrink those along it, so that clouds can
             slide.
         cloud: PART_CLOUD or CONTEXT_CLOUD.
     """
@@ -91,8 +91,8 @@ class CloudTerm:
             source: The demonstrated cloud.
             target: The target cloud.
             cloud: PART_CLOUD or CONTEXT_CLOUD.
-            normal_weight: Half the distance between two points that differ only by opposite
-                normals, in units of `CloudFrame.length`; 0 ignores normals.
+            normal_weight: Length of the normals in units of `CloudFrame.length`. Coincident points
+                with opposite normals are twice this far apart. 0 ignores normals.
         """
         frame = CloudFrame.between(source.points, target.points)
 

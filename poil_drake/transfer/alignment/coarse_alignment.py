@@ -23,10 +23,10 @@ _PART_POINTS, _CONTEXT_POINTS = 200, 300  # For finalists.
 _DESCENT_STEPS, _FINAL_STEPS = 12, 30  # Of candidates and of finalists.
 
 _SEARCH_WIDTH, _FIRST_WIDTH, _MIDDLE_WIDTH, _LAST_WIDTH = 0.35, 0.5, 0.16, 0.12
-"""Truncation widths of the Chamfer distance, in units of the part's root mean square radius: one in
-the search, and three at the start, between the two stages and at the end of the descent. The width
-is large at first, so that distant parts find each other, and about the sensor's noise at the end (2
-to 3 mm on a handle)."""
+"""Truncation widths of the Chamfer distance in the search, and at the start of the descent, between
+its two stages and at its end, in units of the part's root mean square radius. The width is large at
+first, so that distant parts find each other, and about the sensor's noise at the end (2 to 3 mm on
+a handle)."""
 
 _CONTEXT_WIDTH = 0.1  # Width for the rest of the object in the final score.
 
@@ -75,7 +75,7 @@ def align_parts(
     Rotations are scored with the parts' centroids aligned. Gauss-Newton descent then refines the
     best ones in rotation, translation and logarithmic scales. The Chamfer distance is truncated,
     because each scene shows only one side of the part. Of results with nearly the same orientation
-    only the best is kept. Several results therefore differ in orientation, as for symmetric parts.
+    only the best is kept.
 
     Args:
         problem: The alignment problem.

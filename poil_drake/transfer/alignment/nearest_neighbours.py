@@ -24,8 +24,7 @@ class NearestNeighbours(NamedTuple):
 def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbours:
     """Returns the nearest neighbours in both directions, by brute force.
 
-    |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products do the search. For a
-    few hundred points this is several times faster than building a tree for each placement.
+    |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products do the search.
     Neighbours are found in single precision. Their distances are computed in double precision.
 
     Args:

@@ -95,7 +95,7 @@ class AlignmentProblem:
         Args:
             state: K candidates.
             width: Truncation width of the part's energy, in units of its `CloudFrame.length`.
-            context_width: Truncation width of the context's energy, likewise; None for `width`.
+            context_width: The same for the context's energy and `CloudFrame`; None for `width`.
         """
         config = self.config
         squares = np.sum(state.log_scales**2, axis=(1, 2))

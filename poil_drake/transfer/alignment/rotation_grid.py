@@ -9,9 +9,8 @@ _PSI = 1.533751168755204288118041  # the positive root of x^4 = x + 4
 def super_fibonacci_rotations(count: int) -> np.ndarray:
     """Returns rotation matrices (count, 3, 3) spread evenly over SO(3).
 
-    The super-Fibonacci spiral of Alexa (CVPR 2022) is deterministic, works for any count, and has
-    no holes, unlike random samples. With 720 rotations, every orientation is within about 25
-    degrees of one of them.
+    The super-Fibonacci spiral of Alexa (CVPR 2022) has no holes, unlike random samples. With 720
+    rotations, every orientation is within about 25 degrees of one of them.
     """
     s = np.arange(count) + 0.5
     inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)

@@ -54,7 +54,7 @@ class JoinTerm:
         part: PointCloud,
         context: PointCloud,
     ) -> "JoinTerm | None":
-        """Returns the term, or None where the part is nowhere close to the rest.
+        """Returns the term, or None if the part is nowhere close to the rest.
 
         Args:
             part_term: The part's term.

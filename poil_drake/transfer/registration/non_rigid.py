@@ -20,15 +20,15 @@ _NEIGHBOURS = 30  # Number of neighbours that reconstruct a point, as in OAReg's
 _REGULARIZATION = 1e-3  # Ridge of the reconstruction weights, relative to their Gram matrix.
 _TRUNCATION = 0.2  # Pairs farther apart than this have no counterpart and do not pull.
 _SMOOTHING = 0.003
-"""Reconstruction errors below this count quadratically, because with a kink at zero the
-optimisation would stay at the identity."""
+"""Reconstruction errors below this, relative to the clouds' size, count quadratically. With a kink
+at zero the optimisation would stay at the identity."""
 
 _STIFFNESS = 200.0
-"""Weight of the mean reconstruction error relative to the data term. OAReg instead weighs the sum
-over the points by 1 to 100, which depends on the number of points."""
+"""Weight of the mean reconstruction error relative to the data term. OAReg (see
+`register_non_rigid`) weighs the sum over the points, by 1 to 100."""
 
 _FREQUENCY = 8.0
-"""omega_0 of the sine layers. OAReg's value, 30, fits wrinkles to a few hundred points."""
+"""omega_0 of `DisplacementNetwork`. With 30, as in OAReg, the deformation has wrinkles."""
 
 _LEARNING_RATE = 1e-3
 _PATIENCE = 20  # Steps without an improvement after which the optimisation ends.
@@ -143,7 +143,7 @@ def _optimize(
 
 
 def _data_term(y: "torch.Tensor", target: "torch.Tensor") -> "torch.Tensor":
-    """Returns the negative correntropy of truncated nearest-neighbour distances, both ways."""
+    """Returns the negative correntropy of deformed points y and the target, in both directions."""
     import torch
 
     with torch.no_grad():
