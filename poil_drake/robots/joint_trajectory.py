@@ -25,9 +25,11 @@ class JointTrajectory(SharedOnCopy):
     def __post_init__(self) -> None:
         freeze_fields(self, times=("T",), positions=("T", "J"), velocities=("T", "J"))
         times = self.times
-        if times.size < 2 or times[0] != 0.0 or np.any(np.diff(times) <= 0.0):
+        wrong = np.flatnonzero(np.r_[times[:1] != 0.0, np.diff(times) <= 0.0])
+        if times.size < 2 or wrong.size:
+            found = f"; times[{wrong[0]}] is {times[wrong[0]]} s" if wrong.size else ""
             raise InvalidValueError(
-                f"JointTrajectory.times is {times}, which does not increase from 0.",
+                f"JointTrajectory has {times.size} times, which do not increase from 0{found}.",
                 remedy="Pass at least two strictly increasing times, the first of them 0.",
             )
 
