@@ -53,7 +53,7 @@ class CaptureAndRelease:
         self._timing, self._begin, self._wanted = timing, begin, wanted
         self._stopwatch = stopwatch or Stopwatch()
         self._background = None if thread is None else Background(thread)
-        self._queue = system.DeclareAbstractState(Value(()))
+        self._queue = system.DeclareAbstractState(Value[object](Queue()))
         before = Captured(-1, -np.inf, _done(nothing))
         self._released = system.DeclareAbstractState(Value(before))
         self._times = system.DeclareDiscreteState(np.full(3, -np.inf))

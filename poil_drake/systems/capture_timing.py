@@ -34,8 +34,8 @@ class Captured(SharedOnCopy):
     result: Future[Any]
 
 
-Queue = tuple[Captured, ...]
-"""The newest captures, including all that may still be released, in order of time."""
+class Queue(tuple[Captured, ...], SharedOnCopy):
+    """The newest captures, including all that may still be released, in order of time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +74,7 @@ class CaptureTiming(ABC):
         """
         due = self.due(queue, time)
         kept = queue if due is None else queue[queue.index(due) :]
-        return (*kept, Captured(self._tick(queue, time), time, result))
+        return Queue((*kept, Captured(self._tick(queue, time), time, result)))
 
     def due(self, queue: Queue, time: float) -> Captured | None:
         """Returns the newest capture whose result is due at `time` [s], or None.

@@ -1,5 +1,7 @@
 """Propagates tracked points with the hand that holds the object, between the tracker's reports."""
 
+import math
+
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
@@ -80,6 +82,7 @@ class FkPropagator(LeafSystem):
         self._kinematics = kinematics or MakePandaKinematics()
         self._period = period
         self._max_age = max_age
+        self._history = max_age if history is None else history
         self._scratch = self._kinematics.declare_scratch(self)
 
         self._tracked = self.DeclareAbstractInputPort(
@@ -97,12 +100,13 @@ class FkPropagator(LeafSystem):
             "object_motion": np.eye(4).ravel(),
         }
         memory = {
-            # The present X_M.
+            # The present X_M, and the capture time of the images of "object_motion".
             "motion": np.eye(4).ravel(),
+            "captured": np.array([np.nan]),
             "stamp": np.array([-np.inf]),
             # Positions of the last track, transformed by X_M^-1 at its capture.
             "track_positions": np.full(3 * num_points, np.nan),
-            "history": empty_history(max_age if history is None else history, period).ravel(),
+            "history": empty_history(self._history, period).ravel(),
         }
         self._state = {
             name: self.DeclareDiscreteState(value) for name, value in (outputs | memory).items()
@@ -125,7 +129,13 @@ class FkPropagator(LeafSystem):
         moved = self._move(context, state("gripper_pose").reshape(4, 4), X_M)
         history = state("history").reshape(-1, 17)
         record_motion(history, time, X_M, self._period)
-        state("object_motion")[:] = self._motion_at_images(context, time, X_M, history).ravel()
+        captured = self._image_time.Eval(context)[0] if self._image_time.HasValue(context) else time
+        if captured >= time or math.isnan(captured):
+            state("object_motion")[:] = X_M.ravel()
+        elif captured != state("captured")[0] or time - captured > self._history:
+            known = motion_at(history, captured, self._period)
+            state("object_motion")[:] = np.nan if known is None else known.ravel()
+        state("captured")[0] = captured
 
         tracked = self._eval_tracked(context)
         stamp = state("stamp")
@@ -162,18 +172,6 @@ class FkPropagator(LeafSystem):
             X_M[:] = X_WG_now @ inverse(X_WG) @ X_M
         X_WG[:] = X_WG_now
         return held
-
-    def _motion_at_images(
-        self, context: Context, time: float, X_M: np.ndarray, history: np.ndarray
-    ) -> np.ndarray:
-        """Returns the output `object_motion` (4, 4); `X_M` is the motion at `time`, now [s]."""
-        if not self._image_time.HasValue(context):
-            return X_M
-        captured = self._image_time.Eval(context)[0]
-        if np.isnan(captured) or captured >= time:
-            return X_M
-        known = motion_at(history, captured, self._period)
-        return np.full((4, 4), np.nan) if known is None else known
 
     def _eval_tracked(self, context: Context) -> TrackedPoints:
         tracked = self._tracked.Eval(context)
