@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from poil_drake.cli.options import Tracker
+from poil_drake.cli.options import Seed, Tracker
 from poil_drake.runtime.output_files import require_writable
 
 bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
@@ -55,6 +55,18 @@ def bench_pipeline(
         json_path=json,
         ray_address=ray,
     )
+
+
+@bench_app.command("loop")
+def bench_loop(
+    seed: Seed = None, tracker: Tracker = None, json: Json = Path("out/bench_loop.json")
+) -> None:
+    """Run the whole job once, and show where its time goes, per stage and per system."""
+    from poil_drake.benchmarks.latency.loop import run_loop_benchmark
+    from poil_drake.diagrams.scenario.load import ChooseScenario
+
+    require_writable(json)
+    run_loop_benchmark(scenario=ChooseScenario(seed=seed, tracker=tracker), json_path=json)
 
 
 @bench_app.command("control")
