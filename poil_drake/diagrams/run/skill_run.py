@@ -19,6 +19,7 @@ from poil_drake.diagrams.run.finished_run import FinishedRun, WriteReport
 from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.run.output_paths import FreshOutputs, OutputPaths
+from poil_drake.diagrams.run.pace_check import pace_warning
 from poil_drake.diagrams.run.plan_validation import CheckArmPosition, CheckPlanFits
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
@@ -174,6 +175,8 @@ def ExecutePlan(
             )
         if check:
             CheckPlanFits(plan, scenario, hardware=hardware)
+        if hardware and not dry_run and (warning := pace_warning(plan, scenario)):
+            print(f"warning: {warning}", flush=True)
         with stages.measure("execution"):
             switch = StopSwitch()
             if hardware:
