@@ -14,10 +14,10 @@ from poil_drake.errors import InvalidValueError
 class RealSense:
     """An Intel RealSense; it needs `pyrealsense2`.
 
-    A colour and a depth image share one stamp: the end of the older image's exposure, which is half
-    an exposure time after its middle. The library converts this time from the camera's clock to
-    this computer's ("global time"). With some kernels the camera has no global time; the stamp is
-    then the image's arrival less `latency` (see `FramePairStamps`).
+    A colour and a depth image share one stamp: the end of the older image's exposure, not the
+    middle, so the stamp is late by half the exposure time. The library converts this time from the
+    camera's clock to this computer's ("global time"). With some kernels the camera has no global
+    time; the stamp is then the image's arrival less `latency` (see `FramePairStamps`).
 
     Attributes:
         serial: The serial number printed on the camera; may be empty if only one is connected.
