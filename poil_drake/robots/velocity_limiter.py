@@ -145,7 +145,7 @@ class VelocityLimiter:
 
         Args:
             motion: The current command.
-            wanted: (n,) desired velocity [rad/s]; if a value is not finite, all joints brake to rest.
+            wanted: (n,) desired velocity [rad/s]; if any value is not finite, the arm brakes.
         """
         return self.guarded_step(motion, wanted, lambda postures: None).motion
 
@@ -178,7 +178,7 @@ class VelocityLimiter:
 
         Args:
             motion: The current command.
-            wanted: (n,) desired velocity [rad/s]; if a value is not finite, all joints brake to rest.
+            wanted: (n,) desired velocity [rad/s]; if any value is not finite, the arm brakes.
             refuse: Takes three postures (3, n) [rad]: after the step, halfway through the braking
                 that would follow, and at its end. Returns why one of them is forbidden, or None.
                 It is called only for steps that the joints' limits allow.
