@@ -63,14 +63,18 @@ class RobotCollisionChecker:
         own = np.isin(spheres.links, _SHOULDER_LINKS)
         self._shoulder = spheres.links[own], spheres.centers[own], spheres.radii[own]
 
-    def clearance(self, q: np.ndarray) -> np.ndarray:
-        """Returns the smaller of scene and self-clearance (B,) [m], at most `max_distance`.
+    def smallest_clearance(self, q: np.ndarray, reach: float = np.inf) -> float:
+        """Returns the smallest clearance of a motion from the scene and from the robot itself [m].
 
         Args:
-            q: (B, 7) joint positions [rad].
+            q: (B, 7) joint positions along the motion [rad], B >= 1.
+            reach: Cap on the result [m], if it is below `CollisionConfig.max_distance`.
         """
         poses = self._model.link_poses(q)
-        return np.minimum(self.scene_clearance(poses), self.self_clearance(poses))
+        smallest = min(reach, float(self.self_clearance(poses).min()))
+        for group in reversed(self._moving):  # The hand is likely to be the nearest.
+            smallest = float(self._scene_clearance(poses, group, np.full(len(q), smallest)).min())
+        return smallest
 
     def is_free(self, q: np.ndarray) -> np.ndarray:
         """Returns (B,) bool: whether each `q` (B, 7) keeps `robot_margin` and clear of itself."""
@@ -81,18 +85,25 @@ class RobotCollisionChecker:
 
     def scene_clearance(self, link_poses: np.ndarray) -> np.ndarray:
         """Returns the scene clearance (B,) [m], at most `max_distance`, at poses (B, 9, 4, 4)."""
-        reach = self._config.max_distance
-        clearance = np.full(len(link_poses), reach)
+        clearance = np.full(len(link_poses), self._config.max_distance)
         for group in self._moving:
-            X = link_poses[:, group.link]
-            center = _to_world(X, group.bound_center)
-            bound = self._scene.distance(center, reach + group.bound_radius) - group.bound_radius
-            near = np.flatnonzero(bound < clearance)
-            if near.size:
-                centers = _to_world(X[near, None], group.centers)
-                largest = float(group.radii.max())
-                own = self._scene.distance(centers, reach + largest) - group.radii
-                clearance[near] = np.minimum(clearance[near], own.min(axis=1))
+            clearance = self._scene_clearance(link_poses, group, clearance)
+        return clearance
+
+    def _scene_clearance(
+        self, link_poses: np.ndarray, group: "_LinkGroup", known: np.ndarray
+    ) -> np.ndarray:
+        """Returns the smaller of a link's clearance from the scene and `known`, (B,) [m]."""
+        X, reach = link_poses[:, group.link], float(known.max())
+        center = _to_world(X, group.bound_center)
+        bound = self._scene.distance(center, reach + group.bound_radius) - group.bound_radius
+        near = np.flatnonzero(bound < known)
+        if not near.size:
+            return known
+        centers = _to_world(X[near, None], group.centers)
+        own = self._scene.distance(centers, reach + float(group.radii.max())) - group.radii
+        clearance = known.copy()
+        clearance[near] = np.minimum(known[near], own.min(axis=1))
         return clearance
 
     def self_clearance(self, link_poses: np.ndarray) -> np.ndarray:

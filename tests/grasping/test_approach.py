@@ -47,7 +47,7 @@ def test_path_leads_around_an_obstacle(model: PandaModel, checker, ends):
     assert_allclose(path[[0, -1]], ends, atol=1e-9)
     assert np.linalg.norm(np.diff(path, axis=0), axis=1).max() < 0.06
     dense = np.concatenate([edges.samples(a, b) for a, b in pairwise(path)])
-    assert checker.clearance(dense).min() > 0.0
+    assert checker.smallest_clearance(dense) > 0.0
     assert model.limit_margin(path).min() > 0.0
 
 

@@ -40,7 +40,7 @@ def test_approach_keeps_clear_of_scene_and_object(plan, mug, model, screen):
         scene=SceneCloud(np.concatenate([screen, mug.cloud.points]), ground_height=0.0),
     )
 
-    assert dut.clearance(plan.approach.positions).min() > 0.0
+    assert dut.smallest_clearance(plan.approach.positions) > 0.0
 
 
 def boxed(**box) -> PlannerConfig:

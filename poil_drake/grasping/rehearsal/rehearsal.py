@@ -157,10 +157,9 @@ class FeasibilityChecker:
         """
         approach, carry, retreat = motions
         lifted = path.samples >= path.lift_end
-        low = self._checker(None).clearance(np.concatenate([approach, carry[~lifted]]))
+        low = self._checker(None).smallest_clearance(np.concatenate([approach, carry[~lifted]]))
         open_fingers = self._checker(candidate.pregrasp_width)
-        high = open_fingers.clearance(np.concatenate([carry[lifted], retreat]))
-        return float(min(low.min(), high.min()))
+        return open_fingers.smallest_clearance(np.concatenate([carry[lifted], retreat]), reach=low)
 
     def _checker(self, opening: float | None) -> RobotCollisionChecker:
         """Returns the collision checker for a finger opening [m]; None leaves out the fingers.
