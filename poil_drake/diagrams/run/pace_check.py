@@ -1,6 +1,7 @@
 """Finds out before a run on hardware whether this machine keeps the control rate."""
 
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -73,8 +74,11 @@ def _tick_durations(plan: ExecutionPlan, scenario: Scenario, folder: Path) -> np
                 loop.station.WarmUp()
                 context = loop.sequencer.GetMyMutableContextFromRoot(root)
                 context.SetDiscreteState(np.array(following))
-                ticks = round(_DURATION * hardware.time_scale / period)
-                pace.AdvanceTo(ticks * period)
+                start, settled = time.perf_counter(), 0
+                while (elapsed := time.perf_counter() - start) < _DURATION:
+                    if elapsed < _SETTLING:
+                        settled = len(pace.timing.durations)
+                    pace.AdvanceTo(root.get_time() + period)
         finally:
             loop.Close()
-    return np.array(pace.timing.durations)[round(ticks * _SETTLING / _DURATION) :]
+    return np.array(pace.timing.durations)[settled:]
