@@ -9,7 +9,7 @@ from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
 
 _WRIST_SEEDS = (-2.4, -1.2, 0.0, 1.2)
-"""Offsets of joint 7 from the nominal posture where searches start [rad]."""
+"""Searches start at these offsets of joint 7 from the nominal posture [rad]."""
 
 _ELBOW_SEEDS = (0.0, 0.7, -0.7)
 """Start offsets of joint 1, and of joint 3 with the opposite sign [rad]; they move the elbow."""

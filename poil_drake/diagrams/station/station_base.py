@@ -60,7 +60,9 @@ class Station(Diagram):
         return tuple(camera.name for camera in self.camera_models)
 
     def MakeImagelessTracker(self, plan: ExecutionPlan) -> LeafSystem | None:
-        """Returns a tracker that needs no images, or None if `poil.tracker` needs images.
+        """Returns the station's own tracker if it needs no images, otherwise None.
+
+        Such trackers are the true poses in simulation, and the recorded tracks of a replay.
 
         Args:
             plan: The plan whose target points are tracked.

@@ -30,7 +30,10 @@ class FieldPolicy(Policy):
     def step(
         self, state: float | None, observation: Observation
     ) -> tuple[float | None, CommandedTwist]:
-        """Returns the closest time on the reference, and the twist (zero if points are lost)."""
+        """Returns the closest time on the reference [s] and the twist.
+
+        If the points are lost, returns `state` unchanged and a zero twist.
+        """
         output = point_set_bcsdm(
             observation.points,
             self._reference,

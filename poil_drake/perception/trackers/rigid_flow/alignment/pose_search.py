@@ -104,14 +104,14 @@ def score_poses(
         surface: K points of the object.
         frame: The views.
         poses: (P, 4, 4) poses of the object in the world.
-        gate: Points farther than this from the measured surface count as missing [m].
+        gate: A point closer than this to the measured surface is in its place [m].
 
     Returns:
         (P,) the sum of the scores of the points that face a camera and have depth, divided by the
         number of these points or, if that is larger, by `ENOUGH_SHARE` of all points. A point
-        scores up to 1 if it is measured in its place and colour, 0 to -1 if its colour differs, 0
-        if it is occluded, -1/2 if something just in front of it may touch the object, and -1 if the
-        camera sees through it.
+        in its place scores up to 1 if its colour agrees, and 0 to -1 if not. Any other point scores
+        -1 if the camera sees through it, -1/2 if the measured surface is at most `OCCLUDED_ERROR`
+        in front of it, and 0 if that is farther in front.
     """
     total, compared = np.zeros(len(poses)), np.zeros(len(poses))
     points, normals, offsets = (
