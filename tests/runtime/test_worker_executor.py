@@ -2,10 +2,11 @@
 
 import math
 import os
+import signal
 
 import pytest
 
-from poil_drake.errors import InvalidValueError
+from poil_drake.errors import InvalidValueError, PoilError
 from poil_drake.runtime.worker_executor import WorkerExecutor
 from poil_drake.transfer.pipeline import TransferConfig
 
@@ -29,3 +30,13 @@ def test_errors_reach_the_caller() -> None:
         bad_value.result()
     with pytest.raises(RuntimeError, match="math domain error"):
         other.result()
+
+
+def test_a_process_that_has_died_is_an_error_with_a_remedy() -> None:
+    with WorkerExecutor() as dut:
+        os.kill(dut.submit(os.getpid).result(), signal.SIGKILL)
+        pending = dut.submit(os.getpid)
+
+    with pytest.raises(PoilError, match="A worker process has ended with status -9. Check its"):
+        pending.result()
+    dut.shutdown()  # Once more.

@@ -36,8 +36,8 @@ def run_loop_benchmark(*, scenario: Scenario, json_path: Path) -> dict[str, Any]
     Returns:
         What the file holds: `simulated` [s], `wall` [s], `real_time_factor`; and durations [s]: of
         the job's `stages`; of the loop's `parts`, which add up to `wall`; of `concurrent` work in
-        other processes; and of the Python code of the loop's `systems`, by class, where "Drake" is
-        the rest of `wall`.
+        other processes; and of the Python code of the job's `systems`, by class, nearly all of it
+        in the loop, where "Drake" is the rest of `wall`.
     """
     with tempfile.TemporaryDirectory() as folder, timed_systems() as systems:
         outputs = OutputPaths.under(Path(folder))

@@ -27,6 +27,8 @@ _KEPT = 95.0
 def pace_warning(plan: ExecutionPlan, scenario: Scenario) -> str | None:
     """Measures the loop's ticks in a short dry run, which sends nothing to the robot.
 
+    The run itself does a little more: it shows the scene, sends commands and tracks every image.
+
     Args:
         plan: The plan to execute.
         scenario: The station and the task.

@@ -135,7 +135,7 @@ class FkPropagator(LeafSystem):
         elif captured != state("captured")[0] or time - captured > self._history:
             known = motion_at(history, captured, self._period)
             state("object_motion")[:] = np.nan if known is None else known.ravel()
-        state("captured")[0] = captured
+        state("captured")[0] = captured if captured < time else np.nan
 
         tracked = self._eval_tracked(context)
         stamp = state("stamp")

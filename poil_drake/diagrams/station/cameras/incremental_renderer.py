@@ -50,13 +50,17 @@ class IncrementalRenderer:
         self._colors = [_Picture(s, s.default_color_render_camera()) for s in sensors]
         self._depths = [_Picture(s, s.default_depth_render_camera()) for s in sensors]
         inspector = scene_graph.model_inspector()
-        self._geometries = inspector.GetAllGeometryIds(Role.kPerception)
+        deformable = inspector.GetAllDeformableGeometryIds()
+        rendered = inspector.GetAllGeometryIds(Role.kPerception)
+        self._geometries = [geometry for geometry in rendered if geometry not in deformable]
         boxes = [_box(inspector, geometry) for geometry in self._geometries]
         self._boxes_G = np.array(boxes).reshape(-1, 8, 3)
         renderers = {s.default_color_render_camera().core().renderer_name() for s in sensors}
-        self._local = not inspector.GetAllDeformableGeometryIds() and all(
+        self._local = not deformable and all(
             _pixels_are_local(scene_graph.GetRendererParameterYaml(name)) for name in renderers
         )
+        if not self._local:
+            self._boxes_G[:] = np.nan  # Encloses everything.
         self._poses = np.full((len(self._geometries), 4, 4), np.nan)
 
     def capture(self, context: Context) -> tuple[RgbdImage, ...]:

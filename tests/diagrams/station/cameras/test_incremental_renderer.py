@@ -55,7 +55,7 @@ def test_a_moving_scene_looks_as_if_everything_were_rendered(without_shadows: tu
 
     assert shares[0] == (0.0, 0.0)
     # A geometry that is left behind, or not erased, covers several hundred pixels: 1e-3.
-    assert np.max(shares, axis=0).tolist() <= [5e-4, 2e-5]
+    assert (np.max(shares, axis=0) <= [5e-4, 2e-5]).all()
 
 
 def test_what_rests_is_not_rendered_again(
