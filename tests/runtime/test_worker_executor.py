@@ -37,6 +37,6 @@ def test_a_process_that_has_died_is_an_error_with_a_remedy() -> None:
         os.kill(dut.submit(os.getpid).result(), signal.SIGKILL)
         pending = dut.submit(os.getpid)
 
-    with pytest.raises(PoilError, match="A worker process has ended with status -9. Check its"):
+    with pytest.raises(PoilError, match=r"A worker process has ended with status -9\. Check its"):
         pending.result()
     dut.shutdown()  # Once more.
