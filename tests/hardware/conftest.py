@@ -11,10 +11,17 @@ from hardware_bench import execute, hardware_scenario, swinging_plan, track_with
 from machine_pace import ROOM, Pace, first_that_keeps_up, slower_scales
 from prior_tracker import PriorTracker
 
+from poil_drake.diagrams.run import skill_run
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 
 RunThatKeepsUp = Callable[[Callable[[float], tuple[Any, Pace]]], Any]
+
+
+@pytest.fixture(autouse=True)
+def no_pace_check(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves out the dry run of 2 s before each run; `test_measured_pace.py` tests it alone."""
+    monkeypatch.setattr(skill_run, "pace_warning", lambda plan, scenario: None)
 
 
 @pytest.fixture(scope="session")

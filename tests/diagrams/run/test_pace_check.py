@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.run import pace_check
+from poil_drake.diagrams.run import pace_check, skill_run
+from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.pace_check import pace_warning
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -33,3 +34,23 @@ def test_a_slow_machine_is_told_the_rate_that_it_keeps(
     assert "control rate of 256 Hz" in said
     assert "takes 8.0 ms or more, so it keeps 125 Hz" in said
     assert warning(plan, monkeypatch, slow, 0.25) is None  # A period of 15.6 ms.
+
+
+def test_a_run_on_hardware_prints_the_warning_before_the_loop_is_built(
+    plan: ExecutionPlan, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    class BuiltError(Exception):
+        pass
+
+    def build(*args: object, **kwargs: object) -> None:
+        raise BuiltError
+
+    monkeypatch.setattr(skill_run, "pace_warning", lambda plan, scenario: "too slow.")
+    monkeypatch.setattr(skill_run, "MakeClosedLoop", build)
+
+    with pytest.raises(BuiltError):
+        skill_run.ExecutePlan(
+            plan, ChooseScenario(), outputs=OutputPaths(), hardware=True, show=False, check=False
+        )
+
+    assert "warning: too slow.\n" in capsys.readouterr().out
