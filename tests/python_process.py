@@ -1,4 +1,4 @@
-"""Runs Python in a process of its own."""
+"""Runs Python in a separate process."""
 
 import subprocess
 import sys

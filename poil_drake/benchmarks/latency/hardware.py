@@ -19,6 +19,7 @@ from poil_drake.benchmarks.hardware.stand_in_robot import (
 )
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
+from poil_drake.diagrams.run.pace_check import FOLLOWING
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.real_time_loop import LoopTiming, RealTimeLoop
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
@@ -31,8 +32,6 @@ from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 from poil_drake.reports.progress import OneLineTqdm
 from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
-from poil_drake.systems.skill.phases import Phase
-from poil_drake.systems.skill.state_machine import SkillState
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 _BARE = 10.0
@@ -199,18 +198,11 @@ def _run(
                 OneLineTqdm(total=seconds, desc="seconds") as bar,
             ):
                 pace.AdvanceTo(_WARM_UP)
-                # After the first track, skips grasp and lift. The object never gets stuck.
-                state = SkillState(
-                    phase=float(Phase.FOLLOW),
-                    width=0.0,
-                    best_error=-np.inf,
-                    best_tau=np.inf,
-                    progress_at=np.inf,
-                )
+                # After the first track, skips grasp and lift.
                 context = loop.sequencer.GetMyMutableContextFromRoot(
                     simulator.get_mutable_context()
                 )
-                context.SetDiscreteState(np.array(state))
+                context.SetDiscreteState(np.array(FOLLOWING))
                 pace.timing = LoopTiming()
                 for second in range(seconds):
                     if second in (seconds // 2, seconds // 2 + 1):

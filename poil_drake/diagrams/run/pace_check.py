@@ -24,6 +24,16 @@ _KEPT = 95.0
 """A machine keeps a period if this percentage of the ticks takes no longer."""
 
 
+FOLLOWING = SkillState(
+    phase=float(Phase.FOLLOW),
+    width=0.0,
+    best_error=-np.inf,
+    best_tau=np.inf,
+    progress_at=np.inf,
+)
+"""A state of the skill in which the object follows its reference and never counts as stuck."""
+
+
 def pace_warning(plan: ExecutionPlan, scenario: Scenario) -> str | None:
     """Measures the loop's ticks in a short dry run, which sends nothing to the robot.
 
@@ -56,13 +66,6 @@ def pace_warning(plan: ExecutionPlan, scenario: Scenario) -> str | None:
 def _tick_durations(plan: ExecutionPlan, scenario: Scenario, folder: Path) -> np.ndarray:
     """Returns how long the loop's ticks take [s], without waiting."""
     hardware, period = scenario.poil.hardware, scenario.poil.rates.control
-    following = SkillState(
-        phase=float(Phase.FOLLOW),
-        width=0.0,
-        best_error=-np.inf,
-        best_tau=np.inf,
-        progress_at=np.inf,
-    )
     with RunLogWriter(folder / "run.mcap", config=RunLogConfig(drop_when_full=True)) as log:
         loop = MakeClosedLoop(scenario, plan, hardware=True, dry_run=True, log=log)
         try:
@@ -75,7 +78,7 @@ def _tick_durations(plan: ExecutionPlan, scenario: Scenario, folder: Path) -> np
                 simulator.Initialize()
                 loop.station.WarmUp()
                 context = loop.sequencer.GetMyMutableContextFromRoot(root)
-                context.SetDiscreteState(np.array(following))
+                context.SetDiscreteState(np.array(FOLLOWING))
                 start, settled = time.perf_counter(), 0
                 while (elapsed := time.perf_counter() - start) < _DURATION:
                     if elapsed < _SETTLING:

@@ -19,7 +19,7 @@ class ArmKinematics:
     """The arm's joints and its gripper frame G in a finalized plant.
 
     The class has no state. Its methods compute in `scratch`, a context of the plant that a system
-    keeps in a cache entry of its own context (see `declare_scratch`). They use Drake instead of
+    keeps in a cache entry (see `declare_scratch`). They use Drake instead of
     `PandaModel`, so that poses equal those of the simulated plant to the last bit.
 
     Attributes:
