@@ -1,6 +1,7 @@
 """Plans an execution from matchings and point clouds."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -89,6 +90,7 @@ def plan_execution(
     config: PlannerConfig | None = None,
     seed: int = 0,
     metadata: Mapping[str, object] | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> PlanningResult:
     """Samples grasps, selects a grasp and a matching, and plans the motion to the grasp.
@@ -106,6 +108,7 @@ def plan_execution(
         config: None for the defaults.
         seed: Seed for choosing surface points and for searching the approach.
         metadata: Further entries of the plan's metadata, such as the scenario's name.
+        executor: Samples and rehearses half of the grasps; None for none.
         progress: Called with the current activity and its completed fraction.
 
     Raises:
@@ -139,6 +142,7 @@ def plan_execution(
         ground_height=feasibility.collision.ground_height,
         config=config.sampling,
         seed=seed,
+        executor=executor,
     )
     choices = rank_grasps(
         candidates,
@@ -149,6 +153,7 @@ def plan_execution(
         part_points=part_points,
         path=config.path,
         feasibility=feasibility,
+        executor=executor,
         progress=progress,
     )
     choice, approach, descent = _first_reachable(

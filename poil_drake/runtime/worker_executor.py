@@ -1,12 +1,32 @@
 """An executor whose functions run in a worker process; this module is also its program."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from importlib import import_module
-from typing import Any
+from typing import Any, TypeVar
 
 from poil_drake.errors import PoilError
 from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess, serve
+
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
+
+
+def run_in_halves(
+    function: Callable[[Sequence[_Item]], Sequence[_Result]],
+    items: Sequence[_Item],
+    executor: Executor | None,
+) -> list[_Result]:
+    """Returns the results of `function` for both halves of `items`, in their order.
+
+    The second half runs in the executor while the caller runs the first. Without an executor, the
+    caller runs both.
+    """
+    if executor is None:
+        return list(function(items))
+    middle = len(items) // 2
+    second = executor.submit(function, items[middle:])
+    return [*function(items[:middle]), *second.result()]
 
 
 class WorkerExecutor(Executor):

@@ -53,7 +53,7 @@ def PlanScenario(
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
     detector = make_detector(poil.detector)
-    with WorkerExecutor("torch") as worker:
+    with WorkerExecutor("poil_drake.grasping.planner", "torch") as worker:
         with MakeStation(
             scenario, hardware=hardware, dry_run=True, ignore_output_delay=True
         ) as station:
@@ -75,25 +75,26 @@ def PlanScenario(
             progress=progress,
         )
         scene_points = scene.result().points
-    model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
-    result = plan_execution(
-        transferred.matchings,
-        object_label=poil.object,
-        part_label=poil.part,
-        object_cloud=transferred.object_cloud,
-        part_points=transferred.part_cloud.points,
-        scene_points=scene_points,
-        q_start=q_start,
-        model=model,
-        config=_planner_config(poil),
-        seed=scenario.random_seed,
-        metadata={
-            "poil_drake": version("poil-drake"),
-            "drake": version("drake"),
-            "demonstration": Path(demonstration).name,
-        },
-        progress=progress,
-    )
+        model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
+        result = plan_execution(
+            transferred.matchings,
+            object_label=poil.object,
+            part_label=poil.part,
+            object_cloud=transferred.object_cloud,
+            part_points=transferred.part_cloud.points,
+            scene_points=scene_points,
+            q_start=q_start,
+            model=model,
+            config=_planner_config(poil),
+            seed=scenario.random_seed,
+            metadata={
+                "poil_drake": version("poil-drake"),
+                "drake": version("drake"),
+                "demonstration": Path(demonstration).name,
+            },
+            executor=worker,
+            progress=progress,
+        )
     if output is not None:
         from poil_drake.grasping.plan_page import write_plan_page
 

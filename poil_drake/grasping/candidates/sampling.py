@@ -1,5 +1,9 @@
 """Samples parallel-jaw grasps on a point cloud: on the rims of thin walls, and on whole bodies."""
 
+from collections.abc import Sequence
+from concurrent.futures import Executor
+from functools import partial
+
 import numpy as np
 from scipy.spatial import cKDTree
 
@@ -24,6 +28,7 @@ from poil_drake.grasping.candidates.grasp_candidate import (
     GraspSamplingConfig,
 )
 from poil_drake.grasping.candidates.grasp_scene import GraspScene
+from poil_drake.runtime.worker_executor import run_in_halves
 
 _CLOUD_VOXEL = 0.003  # [m] The object's cloud is thinned to one point per cube of this edge.
 _SPINS = 16  # Approach directions tried about each closing axis, over the full turn.
@@ -48,6 +53,7 @@ def sample_antipodal_grasps(
     ground_height: float | None = 0.0,
     config: GraspSamplingConfig | None = None,
     seed: int = 0,
+    executor: Executor | None = None,
 ) -> list[GraspCandidate]:
     """Samples antipodal grasps that approach roughly from above and leave the part free.
 
@@ -64,6 +70,7 @@ def sample_antipodal_grasps(
         ground_height: Height of the table [m]; None without a table.
         config: Parameters; None for the defaults.
         seed: Seed for choosing the surface points.
+        executor: Does half of the work; None for none.
 
     Returns:
         The candidates, best first; empty if the object cannot be grasped.
@@ -97,13 +104,9 @@ def sample_antipodal_grasps(
             axes.append((index, object_cloud.normals[index]))
     found: list[GraspCandidate] = []
     for largest_angle in (config.approach_angle, _WIDE_APPROACH_ANGLE):
-        grips = [
-            grip
-            for index, axis in axes
-            for approach in approach_directions(axis, _SPINS, largest_angle)
-            for grip in find_grips(points[index], axis, approach, points, normals)
-        ]
-        found = [c for grip in _thinned(grips) for c in _candidates(grip, scene, config)]
+        find = partial(_grips, points=points, normals=normals, largest_angle=largest_angle)
+        grips = _thinned(run_in_halves(find, axes, executor))
+        found = run_in_halves(partial(_candidates, scene=scene, config=config), grips, executor)
         if len(found) >= _FEW_CANDIDATES:
             break
     return keep_diverse(found, points.mean(axis=0))
@@ -169,6 +172,22 @@ def _seed_indices(scene: GraspScene, config: GraspSamplingConfig, seed: int) -> 
     return rng.choice(eligible, size=count, replace=False)
 
 
+def _grips(
+    axes: Sequence[tuple[int, np.ndarray]],
+    *,
+    points: np.ndarray,
+    normals: np.ndarray,
+    largest_angle: float,
+) -> list[Grip]:
+    """Returns the grips for pairs of a point's index and a closing axis."""
+    return [
+        grip
+        for index, axis in axes
+        for approach in approach_directions(axis, _SPINS, largest_angle)
+        for grip in find_grips(points[index], axis, approach, points, normals)
+    ]
+
+
 def _thinned(grips: list[Grip]) -> list[Grip]:
     """Returns the best grip of each group of nearly equal ones, so that fewer are checked."""
     if not grips:
@@ -182,21 +201,26 @@ def _thinned(grips: list[Grip]) -> list[Grip]:
     return [grips[i] for i in kept]
 
 
-def _candidates(grip: Grip, scene: GraspScene, config: GraspSamplingConfig) -> list[GraspCandidate]:
-    """Returns two grasps, half a turn apart, with the widest opening that fits.
+def _candidates(
+    grips: Sequence[Grip], *, scene: GraspScene, config: GraspSamplingConfig
+) -> list[GraspCandidate]:
+    """Returns two grasps, half a turn apart, for each grip that some opening fits.
 
-    The list is empty if no opening fits.
+    The opening is the widest that fits.
     """
-    for clearance in OPENING_CLEARANCES:
-        opening = grip.width + 2.0 * clearance
-        if opening <= GRIPPER.max_width and scene.is_clear(grip.X_WG, opening):
-            score = _score(grip, clearance, scene, config)
-            turned = grip.X_WG @ np.diag([-1.0, -1.0, 1.0, 1.0])
-            return [
-                GraspCandidate(grip.X_WG, grip.width, opening, score, grip.contact_points),
-                GraspCandidate(turned, grip.width, opening, score, grip.contact_points[::-1]),
-            ]
-    return []
+    found = []
+    for grip in grips:
+        for clearance in OPENING_CLEARANCES:
+            opening = grip.width + 2.0 * clearance
+            if opening <= GRIPPER.max_width and scene.is_clear(grip.X_WG, opening):
+                score = _score(grip, clearance, scene, config)
+                turned = grip.X_WG @ np.diag([-1.0, -1.0, 1.0, 1.0])
+                found += [
+                    GraspCandidate(grip.X_WG, grip.width, opening, score, grip.contact_points),
+                    GraspCandidate(turned, grip.width, opening, score, grip.contact_points[::-1]),
+                ]
+                break
+    return found
 
 
 def _score(grip: Grip, clearance: float, scene: GraspScene, config: GraspSamplingConfig) -> float:

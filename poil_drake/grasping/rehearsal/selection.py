@@ -2,7 +2,9 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -17,10 +19,11 @@ from poil_drake.grasping.rehearsal.object_path import (
 )
 from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
 from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.runtime.worker_executor import run_in_halves
 from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress
 
-_BATCH = 12  # Grasps rehearsed together, which bounds the memory needed.
+_BATCH = 12  # Grasps rehearsed at once in a process, which bounds the memory needed.
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +53,7 @@ def rank_grasps(
     part_points: np.ndarray,
     path: ObjectPathConfig | None = None,
     feasibility: FeasibilityConfig | None = None,
+    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> list[GraspChoice]:
     """Rehearses grasps under every matching and returns the feasible pairs, cheapest first.
@@ -63,6 +67,7 @@ def rank_grasps(
         part_points: (M, 3) its functional part [m, world].
         path: How the object's motion is predicted; None for the defaults.
         feasibility: Requirements; None for the defaults.
+        executor: Rehearses half of the grasps; None for none.
         progress: Called with the current activity and its completed fraction.
 
     Raises:
@@ -81,26 +86,40 @@ def rank_grasps(
         for matching in matchings
     ]
     checker = FeasibilityChecker(model=model, scene=scene, config=feasibility)
-    best: dict[tuple[int, int], Feasibility | None] = {}
-    for start in range(0, len(candidates), _BATCH):
+    rehearse = partial(_best_findings, checker=checker, paths=paths)
+    best: list[list[Feasibility | None]] = []
+    while len(best) < len(candidates):
         if progress:
-            progress("rehearsing grasps", start / len(candidates))
-        batch = candidates[start : start + _BATCH]
-        configurations = checker.configurations(batch)
-        for number, object_path in enumerate(paths):
-            findings = checker.rehearse(batch, configurations, object_path)
-            for index in range(len(batch)):
-                own = [f for f in findings if f.candidate == index]
-                best[start + index, number] = min(own, key=_rank) if own else None
-    feasible = {pair: f for pair, f in best.items() if f is not None and f.failure is None}
-    if not feasible:
-        raise _no_feasible_grasp(len(candidates), len(matchings), list(best.values()))
+            progress("rehearsing grasps", len(best) / len(candidates))
+        best += run_in_halves(rehearse, candidates[len(best) : len(best) + 2 * _BATCH], executor)
+    choices = [
+        GraspChoice(candidate, number, finding, paths[number])
+        for candidate, findings in zip(candidates, best, strict=True)
+        for number, finding in enumerate(findings)
+        if finding is not None and finding.failure is None
+    ]
+    if not choices:
+        findings = [finding for own in best for finding in own]
+        raise _no_feasible_grasp(len(candidates), len(matchings), findings)
     if progress:
         progress("rehearsing grasps", 1.0)
-    return [
-        GraspChoice(candidates[index], number, finding, paths[number])
-        for (index, number), finding in sorted(feasible.items(), key=lambda item: item[1].cost)
-    ]
+    return sorted(choices, key=lambda choice: choice.feasibility.cost)
+
+
+def _best_findings(
+    candidates: Sequence[GraspCandidate],
+    *,
+    checker: FeasibilityChecker,
+    paths: Sequence[ObjectPath],
+) -> list[list[Feasibility | None]]:
+    """Returns each grasp's best finding on each path, or None if it is out of the arm's reach."""
+    configurations = checker.configurations(candidates)
+    best: list[list[Feasibility | None]] = [[] for _ in candidates]
+    for path in paths:
+        findings = checker.rehearse(candidates, configurations, path)
+        for index, own in enumerate(best):
+            own.append(min((f for f in findings if f.candidate == index), key=_rank, default=None))
+    return best
 
 
 _FAILURES = list(Failure)
