@@ -20,13 +20,14 @@ def run_in_halves(
     """Returns the results of `function` for both halves of `items`, in their order.
 
     The second half runs in the executor while the caller runs the first. Without an executor, the
-    caller runs both.
+    caller runs both, one after the other.
     """
-    if executor is None:
-        return list(function(items))
     middle = len(items) // 2
-    second = executor.submit(function, items[middle:])
-    return [*function(items[:middle]), *second.result()]
+    first, second = items[:middle], items[middle:]
+    if executor is None:
+        return [*function(first), *function(second)]
+    later = executor.submit(function, second)
+    return [*function(first), *later.result()]
 
 
 class WorkerExecutor(Executor):

@@ -11,6 +11,7 @@ from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
 from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
+from poil_drake.runtime.worker_executor import WorkerExecutor
 
 
 def test_motions_join_home_pregrasp_and_grasp(plan, model, home):
@@ -85,10 +86,13 @@ def test_metadata_contains_the_origin_of_the_plan(plan):
     assert (plan.object_label, plan.part_label) == ("mug", "handle")
 
 
-def test_same_input_gives_the_same_plan_and_progress_is_reported(plan, make_plan, seen):
+def test_a_worker_does_not_change_the_plan_and_progress_is_reported(plan, make_plan, seen):
     reported: list[tuple[str, float]] = []
 
-    again = make_plan(seen, progress=lambda what, share: reported.append((what, share))).plan
+    with WorkerExecutor() as worker:
+        again = make_plan(
+            seen, executor=worker, progress=lambda what, share: reported.append((what, share))
+        ).plan
 
     assert_array_equal(again.grasp.X_WG, plan.grasp.X_WG)
     assert_array_equal(again.approach.positions, plan.approach.positions)

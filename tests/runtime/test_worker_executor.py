@@ -3,11 +3,12 @@
 import math
 import os
 import signal
+from collections.abc import Sequence
 
 import pytest
 
 from poil_drake.errors import InvalidValueError, PoilError
-from poil_drake.runtime.worker_executor import WorkerExecutor
+from poil_drake.runtime.worker_executor import WorkerExecutor, run_in_halves
 from poil_drake.transfer.pipeline import TransferConfig
 
 
@@ -40,3 +41,18 @@ def test_a_process_that_has_died_is_an_error_with_a_remedy() -> None:
     with pytest.raises(PoilError, match=r"A worker process has ended with status -9\. Check its"):
         pending.result()
     dut.shutdown()  # Once more.
+
+
+def test_half_of_the_items_go_to_the_executor() -> None:
+    with WorkerExecutor() as worker:
+        shared = run_in_halves(_owned, range(5), worker)
+        alone = run_in_halves(_owned, range(5), None)
+
+    assert [item for item, _ in shared] == [item for item, _ in alone] == [0, 1, 2, 3, 4]
+    here = os.getpid()
+    assert [process == here for _, process in shared] == [True, True, False, False, False]
+    assert {process for _, process in alone} == {here}
+
+
+def _owned(items: Sequence[int]) -> list[tuple[int, int]]:
+    return [(item, os.getpid()) for item in items]
