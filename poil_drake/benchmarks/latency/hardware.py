@@ -27,6 +27,7 @@ from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
@@ -80,6 +81,9 @@ def run_hardware_latency_benchmark(*, duration: float, json_path: Path) -> list[
     Args:
         duration: Duration of the run [s].
         json_path: JSON file for the results.
+
+    Raises:
+        PoilError: if the loop does not stay in the phase, e.g. because the machine is too slow.
     """
     KeepMemory()
     with tempfile.TemporaryDirectory() as name:
@@ -210,6 +214,11 @@ def _run(
                         stalled.append(time.perf_counter())
                     pace.AdvanceTo(_WARM_UP + second + 1.0)
                     bar.update()
+            if context.get_discrete_state().value()[0] != FOLLOWING.phase:
+                raise PoilError(
+                    "The loop ended with a fault, so it did not do its whole work.",
+                    remedy="End other programs and run the benchmark again.",
+                )
             return pace.timing, stalled, time.time()
         finally:
             loop.Close()
