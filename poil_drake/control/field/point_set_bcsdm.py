@@ -12,8 +12,7 @@ from poil_drake.control.field.closest_configuration import closest_configuration
 from poil_drake.control.field.twist_fit import fit_twist, twist_consensus
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_consensus import rigid_consensus
-from poil_drake.geometry.rigid_fit import squared_motion_errors
+from poil_drake.geometry.rigid_fit import rigid_consensus, squared_motion_errors
 
 
 class BcsdmStatus(enum.Enum):
