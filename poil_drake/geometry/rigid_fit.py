@@ -6,7 +6,6 @@ from itertools import combinations
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import cross, make_transform, skew
 
 _EXHAUSTIVE_COUNT = 10
@@ -47,31 +46,17 @@ def kabsch(source: np.ndarray, target: np.ndarray, weights: np.ndarray | None = 
     Args:
         source: (..., N, 3) points [m].
         target: (..., N, 3) their targets [m].
-        weights: (..., N) non-negative; None for equal weights. A point of weight zero may be NaN.
-
-    Raises:
-        InvalidValueError: if the shapes disagree, if a weight is negative or NaN, or if all weights
-            are zero.
+        weights: (..., N) non-negative, not all zero; None for equal weights. A point of weight zero
+            may be NaN.
     """
     source = np.asarray(source, dtype=float)
     target = np.asarray(target, dtype=float)
     w = np.ones(source.shape[-2]) if weights is None else np.asarray(weights, dtype=float)
-    total = np.sum(w, axis=-1, keepdims=True)
-    if not source.shape[-2:] == target.shape[-2:] == (*w.shape[-1:], 3):
-        raise InvalidValueError(
-            f"kabsch() got points of the shapes {source.shape} and {target.shape} and weights of "
-            f"the shape {w.shape}.",
-            remedy="Pass two sets (N, 3) of corresponding points and N weights.",
-        )
-    if not (np.all(w >= 0.0) and np.all(total > 0.0)):
-        raise InvalidValueError(
-            f"kabsch() got the weights {w}.", remedy="Pass non-negative weights, not all zero."
-        )
     if weights is not None:
         # Points that were not observed are NaN, and NaN times zero is NaN.
         source = np.where(w[..., None] > 0.0, source, 0.0)
         target = np.where(w[..., None] > 0.0, target, 0.0)
-    row = (w / total)[..., None, :]
+    row = (w / np.sum(w, axis=-1, keepdims=True))[..., None, :]
     source_centroid, target_centroid = row @ source, row @ target
     R = _best_rotation((target - target_centroid).mT * row @ (source - source_centroid))
     return make_transform(R, (target_centroid - source_centroid @ R.mT)[..., 0, :])
