@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.depth_masks import erode_mask
+from poil_drake.geometry.depth_image import erode_mask
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.geometry.rigid_transform import make_transform
