@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory.degenerate_points import point_set_condition
 from poil_drake.control.theory.saddle_escape import escape_rates, escape_time

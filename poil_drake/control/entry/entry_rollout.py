@@ -6,8 +6,12 @@ import numpy as np
 
 from poil_drake.control.entry.entry_clearance import EntryStart
 from poil_drake.control.entry.entry_model import EntryModel
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import BcsdmOutput, BcsdmStatus, point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import (
+    BcsdmConfig,
+    BcsdmOutput,
+    BcsdmStatus,
+    point_set_bcsdm,
+)
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points

@@ -15,7 +15,7 @@ from poil_drake.control.entry.entry_transit import (
     searched_transit,
     straight_transit,
 )
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields

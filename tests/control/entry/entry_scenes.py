@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanner
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference.make_reference import ReferenceConfig, make_reference
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses

@@ -13,8 +13,7 @@ from numpy.testing import assert_array_equal
 from poil_drake.control.entry import entry_transit
 from poil_drake.control.entry.entry_transit import TransitConfig
 from poil_drake.control.entry.safe_entry import EntryKind, SafeEntryConfig
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.field.rollout import rollout
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.rigid_fit import kabsch
