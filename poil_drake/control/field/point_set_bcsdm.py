@@ -8,9 +8,8 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from poil_drake.control.field.closest_configuration import closest_configuration
 from poil_drake.control.field.twist_fit import fit_twist, twist_consensus
-from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import PointTrajectory, closest_configuration
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_fit import rigid_consensus, squared_motion_errors
 

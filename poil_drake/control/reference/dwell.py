@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from poil_drake.control.reference.point_speeds import rms_length
+from poil_drake.control.reference.point_trajectory import rms_length
 from poil_drake.errors import TransferError
 
 

@@ -6,8 +6,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from poil_drake.control.reference.dwell import split_motion
-from poil_drake.control.reference.point_speeds import rigid_velocities, rms_length
-from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import (
+    PointTrajectory,
+    rigid_velocities,
+    rms_length,
+)
 from poil_drake.control.reference.pose_smoothing import interpolate_poses, smooth_poses
 from poil_drake.control.reference.retiming import RetimingConfig, retime
 from poil_drake.control.reference.rigid_motion_fit import fit_rigid_motion

@@ -4,8 +4,7 @@ import numpy as np
 
 from poil_drake.control.reference.dwell import split_motion
 from poil_drake.control.reference.make_reference import ReferenceConfig
-from poil_drake.control.reference.point_speeds import rms_length
-from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import PointTrajectory, rms_length
 from poil_drake.geometry.frozen_array import frozen_array
 
 
