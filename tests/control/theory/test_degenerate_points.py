@@ -27,11 +27,9 @@ def test_condition_of_a_set_by_hand():
 
     condition = dut.point_set_condition(body)
 
-    np.testing.assert_allclose(condition.eigenvalues, [2.0, 8.0, 18.0])
     np.testing.assert_allclose(condition.axis_distances, np.sqrt(np.array([26.0, 20, 10]) / 6.0))
     assert condition.condition == pytest.approx(2.6)
     np.testing.assert_allclose(condition.noise_per_error, 1.0 / np.sqrt([26.0, 20.0, 10.0]))
-    np.testing.assert_allclose(condition.gaps, [6 / 10, 10 / 26])
     assert condition.shape is dut.PointSetShape.SPATIAL
     assert not condition.symmetric
 
