@@ -7,14 +7,14 @@ import numpy as np
 
 from poil_drake.control.entry.entry_clearance import EntryClearanceConfig
 from poil_drake.control.entry.entry_model import EntryModel
-from poil_drake.control.entry.entry_rollout import roll_out_entry
-from poil_drake.control.entry.entry_timing import extended_reference
-from poil_drake.control.entry.entry_transit import (
+from poil_drake.control.entry.entry_paths import (
     TransitConfig,
     entry_candidates,
+    roll_out_entry,
     searched_transit,
     straight_transit,
 )
+from poil_drake.control.entry.entry_timing import extended_reference
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
