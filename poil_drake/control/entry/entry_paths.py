@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
@@ -63,17 +62,18 @@ _ROOM = 0.15
 """Space for the object around the start, the reference and the scene [m]."""
 
 
-class EntryRollout(NamedTuple):
-    """The path of the object under the field.
+@dataclass(frozen=True, kw_only=True)
+class TransitConfig:
+    """Effort of the search for a path.
 
     Attributes:
-        poses: (K, 4, 4) X_WB from the start until the object joins the reference, or the rollout
-            stops.
-        clear: Whether the object joins the reference, and keeps the required clearance until then.
+        goals: Number of samples to search a path to; the last one is drawn at random. Several are
+            tried because the object may be trapped at some of them, like a ring on a rod.
+        iterations: Largest number of rounds of tree growth for each goal.
     """
 
-    poses: np.ndarray
-    clear: bool
+    goals: int = 4
+    iterations: int = 400
 
 
 def roll_out_entry(
@@ -83,11 +83,11 @@ def roll_out_entry(
     field: BcsdmConfig,
     *,
     tau: float | None = None,
-) -> EntryRollout:
-    """Returns the object's path under the field until it joins the reference.
+) -> np.ndarray | None:
+    """Returns the object's path (K, 4, 4) under the field until it joins the reference.
 
-    The rollout stops earlier if the object collides, or if it leaves a part of the reference that
-    is in contact with the scene.
+    The result is None if the object collides, leaves a part of the reference that is in contact
+    with the scene, or does not join the reference.
 
     Args:
         model: Object and scene.
@@ -104,21 +104,21 @@ def roll_out_entry(
         points = transform_points(X, model.points)
         output = point_set_bcsdm(points, reference, field, previous_tau=tau)
         if output.status is BcsdmStatus.LOST:
-            break
+            return None
         tau = output.tau
         X_target = kabsch(model.points, output.target_points)
         apart = float(model.displacement(X[None], X_target[None])[0, 0])
         if reference.times[-1] - tau <= model.contact_left and apart > _CONTACT_TUBE:
-            break
+            return None
         joined = output.status is BcsdmStatus.GOAL or max(output.mean_error, apart) < _JOINED
         if joined or len(poses) - checked >= _BATCH:
             if not model.is_free(np.array(poses[checked:]), start).all():
-                break
+                return None
             checked = len(poses)
         if joined:
-            return EntryRollout(np.array(poses), True)
+            return np.array(poses)
         X = _step(X, output, model.radius)
-    return EntryRollout(np.array(poses), False)
+    return None
 
 
 def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
@@ -127,32 +127,6 @@ def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
     speed = float(np.linalg.norm(output.v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
     duration = min(_STEP_TIME, _STEP_LENGTH / max(speed, 1e-9))
     return moved_by_twist(X, output.twist, output.centroid, duration)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TransitConfig:
-    """Effort of the search for a path.
-
-    Attributes:
-        goals: Number of samples to search a path to; the last one is drawn at random. Several are
-            tried because the object may be trapped at some of them, like a ring on a rod.
-        iterations: Largest number of rounds of tree growth for each goal.
-    """
-
-    goals: int = 4
-    iterations: int = 400
-
-
-class Transit(NamedTuple):
-    """A path to the reference.
-
-    Attributes:
-        poses: (K, 4, 4) X_WB from the start to the reference's pose at `sample`.
-        sample: The sample of the reference at which the path ends.
-    """
-
-    poses: np.ndarray
-    sample: int
 
 
 def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
@@ -186,7 +160,7 @@ def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
 
 def straight_transit(
     model: EntryModel, start: EntryStart, candidates: np.ndarray
-) -> Transit | None:
+) -> tuple[np.ndarray, int] | None:
     """Returns the first straight path to the reference that is free; None if no path is free.
 
     The nearest sample of the whole reference is tried last. An object that was pushed just before
@@ -196,13 +170,16 @@ def straight_transit(
         model: Object, scene and reference.
         start: Pose of the object.
         candidates: (C,) samples at which the path may end, in the order in which they are tried.
+
+    Returns:
+        Poses X_WB (K, 4, 4) on the path, and the sample of the reference at which it ends.
     """
     edges = model.edges(start)
     nearest = int(np.argmin(model.displacement(start.X_WB[None], model.poses)[0]))
     for index in [*candidates.tolist(), nearest]:
         corners = vectors_of(np.stack([start.X_WB, model.poses[index]]), model.radius)
         if edges.is_free(*corners):
-            return Transit(poses_of(edges.samples(*corners)), index)
+            return poses_of(edges.samples(*corners)), index
     return None
 
 
@@ -212,7 +189,7 @@ def searched_transit(
     candidates: np.ndarray,
     config: TransitConfig,
     seed: int,
-) -> Transit | None:
+) -> tuple[np.ndarray, int] | None:
     """Returns a path found by RRT-Connect, shortened and with rounded corners; None without one.
 
     Goals with more clearance are tried first, and the nearest first among equals. Clearances are
@@ -225,6 +202,9 @@ def searched_transit(
         candidates: (C,) samples at which the path may end.
         config: Effort of the search.
         seed: Seed of the search.
+
+    Returns:
+        See `straight_transit`.
     """
     X_goals = model.poses[candidates]
     room = np.floor(model.clearance(X_goals, _OPEN_CLEARANCE) / _OPEN_CLEARANCE * 4.0)
@@ -250,7 +230,7 @@ def searched_transit(
             corners = _turned_evenly(same_side(found), edges)
             corners = shorten_path(corners, edges, _SHORTCUTS, rng)
             path = round_corners(corners, edges, width=_SMOOTHING)
-            return Transit(poses_of(path), int(candidates[goal]))
+            return poses_of(path), int(candidates[goal])
     return None
 
 

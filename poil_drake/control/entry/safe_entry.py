@@ -173,9 +173,8 @@ class SafeEntryPlanner:
         start = model.start(points, confidence)
         if not avoid_field:
             ahead = roll_out_entry(model, start, model.reference, self.field)
-            if ahead.clear:
-                reference = replace(model.reference)
-                return EntryPlan(reference, self.field, EntryKind.FIELD, ahead.poses)
+            if ahead is not None:
+                return EntryPlan(replace(model.reference), self.field, EntryKind.FIELD, ahead)
         candidates = entry_candidates(model, start)
         kind = EntryKind.STRAIGHT
         transit = straight_transit(model, start, candidates)
@@ -191,7 +190,7 @@ class SafeEntryPlanner:
                 remedy="Move the object or the obstacles, lower EntryClearanceConfig.margin, or "
                 "raise TransitConfig.iterations.",
             )
-        reference = extended_reference(model.reference, transit.poses, transit.sample)
+        reference = extended_reference(model.reference, *transit)
         return EntryPlan(reference, self.field, kind, _NO_GUIDE)
 
     def check(
@@ -234,4 +233,4 @@ class SafeEntryPlanner:
         if deviations.min() > config.tube_radius:
             return None
         back = roll_out_entry(model, start, plan.reference, plan.field, tau=tau)
-        return replace(plan, guide=back.poses) if back.clear else None
+        return None if back is None else replace(plan, guide=back)
