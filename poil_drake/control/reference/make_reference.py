@@ -65,7 +65,8 @@ def make_reference(
     fine = np.arange(times[0], times[-1], 0.5 * config.sample_period)
     fine = np.append(fine[fine < times[-1] - 1e-9], times[-1])
     X_smooth, V = smooth_poses(times, X, fine, config.smoothing_time)
-    speeds = _rms_speed(V, X_smooth, body)
+    arms = body @ np.swapaxes(X_smooth[:, :3, :3], -1, -2)
+    speeds = rms_length(V[:, None, 3:] + np.cross(V[:, None, :3], arms))
     stretches = split_motion(fine, speeds, transform_points(X_smooth, body), config)
     X_path = _anchored(fine, X_smooth, stretches, times, X, config)
     path_speeds = np.concatenate([speeds[s] for s in stretches])
@@ -161,12 +162,6 @@ def _rounded(
     smooth = gaussian_filter1d(padded, _ROUNDING, axis=0)[reach:-reach]
     X = kabsch(np.broadcast_to(body, smooth.shape), smooth)
     return X, np.interp(even, lengths, speeds), np.interp(even, lengths, times)
-
-
-def _rms_speed(V: np.ndarray, X: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Returns the root mean square speed (T,) of the points of a moving shape [m/s]."""
-    arms = body @ np.swapaxes(X[:, :3, :3], -1, -2)
-    return rms_length(V[:, None, 3:] + np.cross(V[:, None, :3], arms))
 
 
 def _anchored(

@@ -49,34 +49,34 @@ class PointTrajectory(SharedOnCopy):
         return {name: getattr(self, name) for name in ("times", "positions", "velocities")}
 
     @cached_property
-    def cost_terms(self) -> np.ndarray:
+    def _cost_terms(self) -> np.ndarray:
         """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2]."""
         halves = 0.5 * np.vecdot(self.positions, self.positions)
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
-        return _constant(terms.T.copy())
+        return terms.T.copy()
 
     @cached_property
-    def largest_square(self) -> float:
+    def _largest_square(self) -> float:
         """Largest squared distance of a point from the world's origin [m^2]."""
         return float(np.vecdot(self.positions, self.positions).max())
 
     @cached_property
-    def steps(self) -> np.ndarray:
+    def _steps(self) -> np.ndarray:
         """(T, 2, 3 N) steps from each sample to the next and the previous [m]; 0 if none exists."""
         forward = np.diff(self.positions.reshape(self.times.size, -1), axis=0)
         padded = np.pad(forward, ((1, 1), (0, 0)))
-        return _constant(np.stack([padded[1:], -padded[:-1]], axis=1))
+        return np.stack([padded[1:], -padded[:-1]], axis=1)
 
     @cached_property
-    def squared_steps(self) -> np.ndarray:
-        """(T, 2, N) squared lengths of the points' `steps` [m^2]."""
-        steps = self.steps.reshape(self.times.size, 2, -1, 3)
-        return _constant(np.vecdot(steps, steps))
+    def _squared_steps(self) -> np.ndarray:
+        """(T, 2, N) squared lengths of the points' `_steps` [m^2]."""
+        steps = self._steps.reshape(self.times.size, 2, -1, 3)
+        return np.vecdot(steps, steps)
 
     @cached_property
-    def states(self) -> np.ndarray:
+    def _states(self) -> np.ndarray:
         """(T, 2, N, 3) each sample's positions and velocities."""
-        return _constant(np.stack([self.positions, self.velocities], axis=1))
+        return np.stack([self.positions, self.velocities], axis=1)
 
     def at_sample(self, sample: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns time (...) [s], positions [m] and velocities [m/s] (..., N, 3) at a sample index.
@@ -87,9 +87,9 @@ class PointTrajectory(SharedOnCopy):
         before = sample.astype(np.intp)
         after = np.minimum(before + 1, self.times.size - 1)
         fraction = sample - before
-        time, state = self.times[before], self.states[before]
+        time, state = self.times[before], self._states[before]
         time = time + fraction * (self.times[after] - time)
-        state = state + fraction[..., None, None, None] * (self.states[after] - state)
+        state = state + fraction[..., None, None, None] * (self._states[after] - state)
         return time, state[..., 0, :, :], state[..., 1, :, :]
 
     def positions_at(self, time: float) -> np.ndarray:
@@ -130,8 +130,8 @@ def closest_configuration(
     """
     # |x - x*|^2 / 2 without |x|^2 / 2, which is the same for all samples.
     weighted = _flat(shares[..., None] * points)
-    costs = np.concatenate([weighted, shares], axis=-1) @ reference.cost_terms
-    rounding = _ROUNDING * reference.largest_square
+    costs = np.concatenate([weighted, shares], axis=-1) @ reference._cost_terms
+    rounding = _ROUNDING * reference._largest_square
     index = _last_minimum(costs, rounding)
     if window is not None and previous_tau is not None:
         outside = _outside(reference.times, np.asarray(previous_tau), window)
@@ -144,10 +144,10 @@ def closest_configuration(
     if not interpolate:
         return index.astype(float)
     # The closest configurations on the two segments beside the closest sample.
-    steps = reference.steps[index]
+    steps = reference._steps[index]
     offset = _flat(shares[..., None] * (points - reference.positions[index]))
     along = np.vecdot(steps, offset[..., None, :])
-    length = np.vecdot(reference.squared_steps[index], shares[..., None, :])
+    length = np.vecdot(reference._squared_steps[index], shares[..., None, :])
     fraction = np.minimum(np.maximum(along / np.maximum(length, 1e-300), 0.0), 1.0)
     gain = fraction * (2.0 * along - fraction * length)
     forward = gain[..., 0] >= gain[..., 1]
@@ -183,11 +183,6 @@ def rigid_velocities(
     arms = positions[:-1] - origins[:-1, None]
     velocities[:-1] = v[:, None] + np.cross(omega[:, None], arms)
     return velocities
-
-
-def _constant(values: np.ndarray) -> np.ndarray:
-    values.flags.writeable = False
-    return values
 
 
 def _flat(vectors: np.ndarray) -> np.ndarray:
