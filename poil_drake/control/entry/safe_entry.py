@@ -18,7 +18,6 @@ from poil_drake.control.entry.entry_timing import extended_reference
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.scene_cloud import SceneCloud
 
 _NO_GUIDE = np.empty((0, 4, 4))
@@ -68,7 +67,7 @@ class SafeEntryConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class EntryPlan(SharedOnCopy):
+class EntryPlan:
     """A reference that is safe to follow from the object's present pose.
 
     Attributes:
@@ -85,9 +84,6 @@ class EntryPlan(SharedOnCopy):
     field: BcsdmConfig
     kind: EntryKind
     guide: np.ndarray
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, guide=("K", 4, 4))
 
 
 class SafeEntryPlanner:

@@ -1,7 +1,6 @@
 """Rollouts of the field: the motion of a rigid object that follows it freely."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,12 +8,10 @@ from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, p
 from poil_drake.control.field.twist_fit import scale_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
-@dataclass(frozen=True, eq=False)
-class Rollout(SharedOnCopy):
+class Rollout(NamedTuple):
     """A simulated run of the field.
 
     Attributes:
@@ -31,9 +28,6 @@ class Rollout(SharedOnCopy):
     potentials: np.ndarray
     taus: np.ndarray
     converged: bool
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, times=("T",), X_W=("T", 4, 4), potentials=("T",), taus=("T",))
 
 
 def rollout(points: np.ndarray, *args: Any, **kwargs: Any) -> Rollout:
@@ -94,8 +88,6 @@ def rollouts(
         moving[rows] = unfinished = field.status != BcsdmStatus.GOAL
         stepped = moved_by_twist(X[rows], V, field.centroid, time_step)
         X[rows[unfinished]] = stepped[unfinished]
-    if not history:
-        return []
     motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
     return [
         Rollout(

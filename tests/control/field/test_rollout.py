@@ -139,8 +139,7 @@ def test_runs_from_many_starts_are_those_from_each():
     assert len(runs[0].times) == 1
 
 
-def test_no_starts_give_no_runs_and_lost_ones_are_named():
-    assert rollouts(np.zeros((0, 6, 3)), CURVED, BcsdmConfig()) == []
+def test_starts_that_do_not_determine_a_motion_are_named():
     starts = np.stack([CURVED.positions[0]] * 3)
     starts[1] = starts[1, :1]
     with pytest.raises(TrackingError, match=r"\[1\]"):
