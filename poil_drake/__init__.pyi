@@ -1,4 +1,4 @@
-from .control.field.bcsdm_config import BcsdmConfig as BcsdmConfig
+from .control.field.point_set_bcsdm import BcsdmConfig as BcsdmConfig
 from .control.reference.make_reference import make_reference as make_reference
 from .control.reference.point_trajectory import PointTrajectory as PointTrajectory
 from .diagrams.demonstration.recorder import RecordDemonstration as RecordDemonstration

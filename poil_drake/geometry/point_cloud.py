@@ -1,4 +1,4 @@
-"""Point clouds, their downsampling and the detection of outliers."""
+"""Point clouds, their sampling and the detection of outliers."""
 
 from dataclasses import dataclass
 
@@ -76,6 +76,27 @@ def voxel_downsample(cloud: PointCloud, voxel_size: float) -> PointCloud:
     if cloud.colors is not None:
         colors = np.round(mean(cloud.colors)).astype(np.uint8)
     return PointCloud(mean(cloud.points), normals, colors)
+
+
+def farthest_point_sampling(points: np.ndarray, count: int) -> np.ndarray:
+    """Returns the indices (count,) of points that cover a cloud evenly.
+
+    The first is the point farthest from the centroid; each later one is the point farthest from all
+    those chosen before it. Ties go to the lowest index, so the result depends only on the points.
+
+    Args:
+        points: (P, 3) [m], finite.
+        count: Number of points to choose, 1 to P.
+    """
+    indices = np.empty(count, dtype=np.intp)
+    offsets = points - points.mean(axis=0)
+    indices[0] = np.argmax(np.sum(offsets**2, axis=1))
+    nearest = np.full(len(points), np.inf)
+    for k in range(1, count):
+        latest = points[indices[k - 1]]
+        np.minimum(nearest, np.sum((points - latest) ** 2, axis=1), out=nearest)
+        indices[k] = np.argmax(nearest)
+    return indices
 
 
 def statistical_inliers(points: np.ndarray, *, neighbours: int, deviations: float) -> np.ndarray:

@@ -6,11 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from poil_drake.errors import DetectionError, InvalidValueError
-from poil_drake.geometry.depth_masks import DepthMaskConfig, clean_mask
+from poil_drake.geometry.depth_image import DepthMaskConfig, clean_mask, depth_normals, unproject
 from poil_drake.geometry.pca_normals import pca_normals
 from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
 from poil_drake.geometry.rigid_transform import transform_points
-from poil_drake.geometry.unprojection import depth_normals, unproject
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 _OUTLIER_DEVIATIONS = 2.5  # standard deviations above the mean distance to neighbours

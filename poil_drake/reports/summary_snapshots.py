@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.geometry.unprojection import project
+from poil_drake.geometry.depth_image import project
 from poil_drake.reports.summary_panels import COLORS
 from poil_drake.systems.logging.snapshot_recorder import Snapshot
 

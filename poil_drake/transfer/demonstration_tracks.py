@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.rigid_consensus import rigid_inliers
+from poil_drake.geometry.rigid_fit import rigid_inliers
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration

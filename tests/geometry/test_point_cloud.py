@@ -57,3 +57,27 @@ def test_lone_point_is_an_outlier():
 
 def test_too_few_points_have_no_outliers():
     assert dut.statistical_inliers(np.eye(3), neighbours=3, deviations=0.0).all()
+
+
+def test_points_on_a_line_are_chosen_from_the_outside_in():
+    # The centroid is at 2.2, so 5 is the farthest from it; then the other end, then the middle.
+    points = np.array([0.0, 1.0, 2.0, 3.0, 5.0])[:, None] * [1.0, 0.0, 0.0]
+
+    assert dut.farthest_point_sampling(points, 3).tolist() == [4, 0, 2]
+
+
+def test_all_points_can_be_chosen_each_once():
+    points = np.random.default_rng(0).normal(size=(12, 3))
+
+    assert sorted(dut.farthest_point_sampling(points, 12)) == list(range(12))
+
+
+def test_each_choice_is_as_far_as_possible_from_those_before():
+    points = np.random.default_rng(1).normal(size=(60, 3))
+
+    chosen = dut.farthest_point_sampling(points, 8)
+
+    for k in range(1, 8):
+        before = points[chosen[:k]]
+        clearances = np.min(np.linalg.norm(points[:, None] - before, axis=2), axis=1)
+        assert clearances[chosen[k]] == pytest.approx(clearances.max())

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import DetectionError, InvalidValueError
-from poil_drake.geometry.depth_masks import DepthMaskConfig
+from poil_drake.geometry.depth_image import DepthMaskConfig
 from poil_drake.geometry.rigid_transform import inverse, make_transform
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.fusion import fuse_views as dut

@@ -11,9 +11,8 @@ from poil_drake.benchmarks.control.arena.task import ControlTask
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.policies.scripted import ScriptedPolicy, pose_difference
 from poil_drake.benchmarks.control.starts import sample_start, trial_generator
-from poil_drake.control.reference.make_reference import make_reference
+from poil_drake.control.reference.make_reference import make_reference, reference_from_samples
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.control.reference.recorded_reference import reference_from_samples
 from poil_drake.diagrams.demonstration.motion import KeyframeMotion
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points

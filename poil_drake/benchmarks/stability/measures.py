@@ -6,22 +6,20 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory.degenerate_points import point_set_condition
-from poil_drake.control.theory.saddle_escape import escape_rates, escape_time
-from poil_drake.control.theory.sampled_stability import (
+from poil_drake.control.theory.stability import (
     WORST_SAMPLING_GAIN,
+    critical_rotations,
+    escape_rates,
+    escape_time,
     largest_sampling_gain,
     largest_speed,
     proven_sampling_gain,
-    sampling_gain_limit,
-)
-from poil_drake.control.theory.stability import (
-    critical_rotations,
     rotation_potential,
     rotation_velocity,
+    sampling_gain_limit,
 )
 from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
 

@@ -14,12 +14,10 @@ from poil_drake.control.entry.entry_clearance import (
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.theory.stability import moment_matrix, point_inertia
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.body_clearance import BodyClearance
 from poil_drake.geometry.point_cloud import PointCloud, voxel_downsample
-from poil_drake.geometry.rigid_consensus import rigid_inliers
-from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_fit import kabsch, rigid_inliers
 from poil_drake.geometry.rigid_transform import transform_points
-from poil_drake.geometry.scene_cloud import SceneCloud
+from poil_drake.geometry.scene_cloud import BodyClearance, SceneCloud
 from poil_drake.planning.path_shortening import EdgeChecker
 from poil_drake.planning.pose_vectors import poses_of
 

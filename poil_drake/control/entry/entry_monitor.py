@@ -10,7 +10,6 @@ from poil_drake.control.entry.entry_state import EntryMonitorConfig, EntryState,
 from poil_drake.control.entry.safe_entry import EntryKind, SafeEntryPlanner
 from poil_drake.control.field.point_set_bcsdm import BcsdmStatus, point_set_bcsdm
 from poil_drake.errors import PlanningError
-from poil_drake.geometry.frozen_array import frozen_array
 
 _DEFAULTS = EntryMonitorConfig()
 
@@ -188,9 +187,7 @@ def _without_path(state: EntryState, now: _Inputs) -> EntryState:
     """Returns the state after an attempt to plan that found no path."""
     attempts = state.attempts + 1
     failed = attempts >= now.config.max_attempts
-    points = frozen_array(
-        now.points, name="EntryState.attempt_points", shape=("N", 3), finite=False
-    )
+    points = now.points.copy()
     falling_back = failed and now.config.fallback == "field"
     if falling_back and state.status is EntryStatus.FAILED:
         return replace(state, attempts=attempts, attempt_time=now.time, attempt_points=points)

@@ -2,8 +2,11 @@
 
 import numpy as np
 
-from poil_drake.control.reference.point_speeds import rigid_velocities, rms_length
-from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import (
+    PointTrajectory,
+    rigid_velocities,
+    rms_length,
+)
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
 from poil_drake.geometry.rigid_transform import inverse, rotation_log, transform_points
 

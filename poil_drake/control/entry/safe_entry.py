@@ -7,18 +7,17 @@ import numpy as np
 
 from poil_drake.control.entry.entry_clearance import EntryClearanceConfig
 from poil_drake.control.entry.entry_model import EntryModel
-from poil_drake.control.entry.entry_rollout import roll_out_entry
-from poil_drake.control.entry.entry_timing import extended_reference
-from poil_drake.control.entry.entry_transit import (
+from poil_drake.control.entry.entry_paths import (
     TransitConfig,
     entry_candidates,
+    roll_out_entry,
     searched_transit,
     straight_transit,
 )
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
+from poil_drake.control.entry.entry_timing import extended_reference
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.scene_cloud import SceneCloud
 
 _NO_GUIDE = np.empty((0, 4, 4))
@@ -68,7 +67,7 @@ class SafeEntryConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class EntryPlan(SharedOnCopy):
+class EntryPlan:
     """A reference that is safe to follow from the object's present pose.
 
     Attributes:
@@ -85,9 +84,6 @@ class EntryPlan(SharedOnCopy):
     field: BcsdmConfig
     kind: EntryKind
     guide: np.ndarray
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, guide=("K", 4, 4))
 
 
 class SafeEntryPlanner:
@@ -173,9 +169,8 @@ class SafeEntryPlanner:
         start = model.start(points, confidence)
         if not avoid_field:
             ahead = roll_out_entry(model, start, model.reference, self.field)
-            if ahead.clear:
-                reference = replace(model.reference)
-                return EntryPlan(reference, self.field, EntryKind.FIELD, ahead.poses)
+            if ahead is not None:
+                return EntryPlan(replace(model.reference), self.field, EntryKind.FIELD, ahead)
         candidates = entry_candidates(model, start)
         kind = EntryKind.STRAIGHT
         transit = straight_transit(model, start, candidates)
@@ -191,7 +186,7 @@ class SafeEntryPlanner:
                 remedy="Move the object or the obstacles, lower EntryClearanceConfig.margin, or "
                 "raise TransitConfig.iterations.",
             )
-        reference = extended_reference(model.reference, transit.poses, transit.sample)
+        reference = extended_reference(model.reference, *transit)
         return EntryPlan(reference, self.field, kind, _NO_GUIDE)
 
     def check(
@@ -234,4 +229,4 @@ class SafeEntryPlanner:
         if deviations.min() > config.tube_radius:
             return None
         back = roll_out_entry(model, start, plan.reference, plan.field, tau=tau)
-        return replace(plan, guide=back.poses) if back.clear else None
+        return None if back is None else replace(plan, guide=back)

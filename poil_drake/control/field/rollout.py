@@ -1,20 +1,17 @@
 """Rollouts of the field: the motion of a rigid object that follows it freely."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
 from poil_drake.control.field.twist_fit import scale_twist
 from poil_drake.control.reference.point_trajectory import PointTrajectory
-from poil_drake.errors import InvalidValueError, TrackingError
-from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
+from poil_drake.errors import TrackingError
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 
 
-@dataclass(frozen=True, eq=False)
-class Rollout(SharedOnCopy):
+class Rollout(NamedTuple):
     """A simulated run of the field.
 
     Attributes:
@@ -31,9 +28,6 @@ class Rollout(SharedOnCopy):
     potentials: np.ndarray
     taus: np.ndarray
     converged: bool
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, times=("T",), X_W=("T", 4, 4), potentials=("T",), taus=("T",))
 
 
 def rollout(points: np.ndarray, *args: Any, **kwargs: Any) -> Rollout:
@@ -66,15 +60,9 @@ def rollouts(
         max_linear_speed: Limit on the centroid's speed [m/s].
 
     Raises:
-        InvalidValueError: if a time is out of range.
         TrackingError: if the points of a start do not determine a motion (fewer than 3, or
             collinear).
     """
-    if not (time_step > 0.0 and max_time >= 0.0):
-        raise InvalidValueError(
-            f"rollouts() got a time_step of {time_step} s and a max_time of {max_time} s.",
-            remedy="Pass a positive time_step and a non-negative max_time.",
-        )
     points = np.asarray(points, dtype=float)
     B = len(points)
     X, taus, potentials = np.tile(np.eye(4), (B, 1, 1)), np.full(B, np.nan), np.full(B, np.nan)
@@ -100,8 +88,6 @@ def rollouts(
         moving[rows] = unfinished = field.status != BcsdmStatus.GOAL
         stepped = moved_by_twist(X[rows], V, field.centroid, time_step)
         X[rows[unfinished]] = stepped[unfinished]
-    if not history:
-        return []
     motions, all_potentials, all_taus = (np.array(column) for column in zip(*history, strict=True))
     return [
         Rollout(

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_consensus import choose_triples, consensus
+from poil_drake.geometry.rigid_fit import choose_triples, consensus
 from poil_drake.geometry.rigid_transform import cross, skew
 
 _CURL = -skew(np.eye(3)).reshape(3, 9)

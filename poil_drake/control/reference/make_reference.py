@@ -1,17 +1,17 @@
 """Makes the reference that the controller follows from a demonstration's tracked points."""
 
-from dataclasses import dataclass, field
-
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from poil_drake.control.reference.dwell import split_motion
-from poil_drake.control.reference.point_speeds import rigid_velocities, rms_length
-from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.control.reference.point_trajectory import (
+    PointTrajectory,
+    rigid_velocities,
+    rms_length,
+)
 from poil_drake.control.reference.pose_smoothing import interpolate_poses, smooth_poses
-from poil_drake.control.reference.retiming import RetimingConfig, retime
 from poil_drake.control.reference.rigid_motion_fit import fit_rigid_motion
-from poil_drake.errors import InvalidValueError, TransferError
+from poil_drake.control.reference.timing import ReferenceConfig, retime, split_motion
+from poil_drake.errors import TransferError
 from poil_drake.geometry.frozen_array import frozen_array
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import (
@@ -29,47 +29,6 @@ _ROUNDING = 3
 
 _MAX_ROUNDS = 6
 """How often the filter is applied at most. Six times shorten a hook by 1.5 cm."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReferenceConfig:
-    """How tracked points become a reference.
-
-    Attributes:
-        sample_period: Time between the reference's samples [s]. 1/32 s is about 3 mm at 0.1 m/s.
-        smoothing_time: Bandwidth of the smoothing [s]; motion shorter than twice this is smoothed
-            away. 0.25 s spans about five samples of a tracker at 8 Hz.
-        dwell_speed: Slower samples are at rest [m/s, root mean square over the points]. Noise of
-            1 mm at 8 Hz is about 0.003 m/s after smoothing.
-        min_pause: Shorter pauses are not cut out [s]; the reference passes them at the lowest speed
-            of `retiming`.
-        min_displacement: A stretch of motion that is shorter than this is noise [m].
-        settle_time: Samples within this time after the motion stops are left out of the mean pose
-            at rest [s], but at most the first half of the pause.
-        blend_time: Time before and after a pause in which the smoothed motion is blended into the
-            pose at rest [s].
-        inlier_distance: Largest distance of an inlier from its place on the rigid shape [m]. Wider
-            than for control, because trackers of demonstrations need not preserve the shape.
-        retiming: Speed limits of the reference.
-    """
-
-    sample_period: float = 1.0 / 32.0
-    smoothing_time: float = 0.25
-    dwell_speed: float = 0.01
-    min_pause: float = 0.5
-    min_displacement: float = 0.01
-    settle_time: float = 0.5
-    blend_time: float = 0.5
-    inlier_distance: float = 0.01
-    retiming: RetimingConfig = field(default_factory=RetimingConfig)
-
-    def __post_init__(self) -> None:
-        if not (self.sample_period > 0.0 and self.smoothing_time > 0.0):
-            raise InvalidValueError(
-                f"ReferenceConfig has sample_period={self.sample_period} s and "
-                f"smoothing_time={self.smoothing_time} s.",
-                remedy="Pass positive times.",
-            )
 
 
 def make_reference(
@@ -106,15 +65,9 @@ def make_reference(
     fine = np.arange(times[0], times[-1], 0.5 * config.sample_period)
     fine = np.append(fine[fine < times[-1] - 1e-9], times[-1])
     X_smooth, V = smooth_poses(times, X, fine, config.smoothing_time)
-    speeds = _rms_speed(V, X_smooth, body)
-    stretches = split_motion(
-        fine,
-        speeds,
-        transform_points(X_smooth, body),
-        dwell_speed=config.dwell_speed,
-        min_pause=config.min_pause,
-        min_displacement=config.min_displacement,
-    )
+    arms = body @ np.swapaxes(X_smooth[:, :3, :3], -1, -2)
+    speeds = rms_length(V[:, None, 3:] + np.cross(V[:, None, :3], arms))
+    stretches = split_motion(fine, speeds, transform_points(X_smooth, body), config)
     X_path = _anchored(fine, X_smooth, stretches, times, X, config)
     path_speeds = np.concatenate([speeds[s] for s in stretches])
     path_times = np.concatenate([fine[s] for s in stretches])
@@ -132,6 +85,42 @@ def make_reference(
         remedy="Demonstrate a motion that does not return along its own path: the controller "
         "always moves on from the nearest configuration, so it cannot tell the two ways apart.",
     )
+
+
+def reference_from_samples(
+    times: np.ndarray, positions: np.ndarray, config: ReferenceConfig | None = None
+) -> PointTrajectory:
+    """Returns the reference through points that were recorded without noise.
+
+    The pauses before and after the motion are cut off. Velocities are central differences, and zero
+    at the end. Nothing is smoothed and no rigid shape is fitted, so the reference deforms as the
+    object did. For tracked points of a rigid object use `make_reference`.
+
+    Args:
+        times: (T,) sample times [s], increasing.
+        positions: (T, N, 3) positions [m, world], all finite.
+        config: What counts as a pause, and the sample period.
+
+    Raises:
+        InvalidValueError: if a position is not finite.
+        TransferError: if nothing moves.
+    """
+    config = config or ReferenceConfig()
+    times = frozen_array(times, name="times", shape=("T",))
+    positions = frozen_array(positions, name="positions", shape=(times.size, "N", 3))
+    speeds = rms_length(np.gradient(positions, times, axis=0))
+    stretches = split_motion(times, speeds, positions, config)
+    kept = slice(max(stretches[0].start - 1, 0), stretches[-1].stop + 1)
+    old_times = times[kept] - times[kept.start]
+    # The object ends where it came to rest.
+    shapes = np.concatenate([positions[kept][:-1], positions[-1:]])
+    count = max(round(old_times[-1] / config.sample_period), 1)
+    new_times = np.linspace(0.0, old_times[-1], count + 1)
+    recorded = PointTrajectory(old_times, shapes, np.zeros_like(shapes))
+    resampled = np.array([recorded.positions_at(time) for time in new_times])
+    velocities = np.gradient(resampled, new_times, axis=0)
+    velocities[-1] = 0.0
+    return PointTrajectory(new_times, resampled, velocities)
 
 
 def sharp_turns(positions: np.ndarray) -> np.ndarray:
@@ -173,12 +162,6 @@ def _rounded(
     smooth = gaussian_filter1d(padded, _ROUNDING, axis=0)[reach:-reach]
     X = kabsch(np.broadcast_to(body, smooth.shape), smooth)
     return X, np.interp(even, lengths, speeds), np.interp(even, lengths, times)
-
-
-def _rms_speed(V: np.ndarray, X: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Returns the root mean square speed (T,) of the points of a moving shape [m/s]."""
-    arms = body @ np.swapaxes(X[:, :3, :3], -1, -2)
-    return rms_length(V[:, None, 3:] + np.cross(V[:, None, :3], arms))
 
 
 def _anchored(

@@ -1,4 +1,4 @@
-"""Trajectories of point sets: the references that the controller follows."""
+"""Trajectories of point sets, the references of the controller, and the closest configuration."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,6 +8,11 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
+from poil_drake.geometry.rigid_transform import rotation_log
+
+_ROUNDING = 1e-14
+"""Costs that differ by less than this fraction of the reference's squared distance from the world's
+origin count as equal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,34 +49,34 @@ class PointTrajectory(SharedOnCopy):
         return {name: getattr(self, name) for name in ("times", "positions", "velocities")}
 
     @cached_property
-    def cost_terms(self) -> np.ndarray:
+    def _cost_terms(self) -> np.ndarray:
         """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2]."""
         halves = 0.5 * np.vecdot(self.positions, self.positions)
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
-        return _constant(terms.T.copy())
+        return terms.T.copy()
 
     @cached_property
-    def largest_square(self) -> float:
+    def _largest_square(self) -> float:
         """Largest squared distance of a point from the world's origin [m^2]."""
         return float(np.vecdot(self.positions, self.positions).max())
 
     @cached_property
-    def steps(self) -> np.ndarray:
+    def _steps(self) -> np.ndarray:
         """(T, 2, 3 N) steps from each sample to the next and the previous [m]; 0 if none exists."""
         forward = np.diff(self.positions.reshape(self.times.size, -1), axis=0)
         padded = np.pad(forward, ((1, 1), (0, 0)))
-        return _constant(np.stack([padded[1:], -padded[:-1]], axis=1))
+        return np.stack([padded[1:], -padded[:-1]], axis=1)
 
     @cached_property
-    def squared_steps(self) -> np.ndarray:
-        """(T, 2, N) squared lengths of the points' `steps` [m^2]."""
-        steps = self.steps.reshape(self.times.size, 2, -1, 3)
-        return _constant(np.vecdot(steps, steps))
+    def _squared_steps(self) -> np.ndarray:
+        """(T, 2, N) squared lengths of the points' `_steps` [m^2]."""
+        steps = self._steps.reshape(self.times.size, 2, -1, 3)
+        return np.vecdot(steps, steps)
 
     @cached_property
-    def states(self) -> np.ndarray:
+    def _states(self) -> np.ndarray:
         """(T, 2, N, 3) each sample's positions and velocities."""
-        return _constant(np.stack([self.positions, self.velocities], axis=1))
+        return np.stack([self.positions, self.velocities], axis=1)
 
     def at_sample(self, sample: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns time (...) [s], positions [m] and velocities [m/s] (..., N, 3) at a sample index.
@@ -82,9 +87,9 @@ class PointTrajectory(SharedOnCopy):
         before = sample.astype(np.intp)
         after = np.minimum(before + 1, self.times.size - 1)
         fraction = sample - before
-        time, state = self.times[before], self.states[before]
+        time, state = self.times[before], self._states[before]
         time = time + fraction * (self.times[after] - time)
-        state = state + fraction[..., None, None, None] * (self.states[after] - state)
+        state = state + fraction[..., None, None, None] * (self._states[after] - state)
         return time, state[..., 0, :, :], state[..., 1, :, :]
 
     def positions_at(self, time: float) -> np.ndarray:
@@ -98,6 +103,106 @@ class PointTrajectory(SharedOnCopy):
         return (1.0 - s) * self.positions[after - 1] + s * self.positions[after]
 
 
-def _constant(values: np.ndarray) -> np.ndarray:
-    values.flags.writeable = False
-    return values
+def closest_configuration(
+    points: np.ndarray,
+    reference: PointTrajectory,
+    shares: np.ndarray,
+    *,
+    interpolate: bool,
+    window: tuple[float, float] | None = None,
+    escape_ratio: float = 0.0,
+    previous_tau: np.ndarray | float | None = None,
+) -> np.ndarray:
+    """Returns the index (...) of the closest configuration; 2.5 is between samples 2 and 3.
+
+    If several samples are equally close, the last one is chosen, so that pauses are skipped.
+
+    Args:
+        points: (..., N, 3) [m], finite.
+        reference: The reference of the same N points.
+        shares: (..., N) weights, which add up to 1; points of weight zero are ignored.
+        interpolate: Whether to search between samples, too.
+        window: Search range (backward, forward) around the last tick's closest configuration [s];
+            None searches the whole reference.
+        escape_ratio: The window is ignored if the smallest squared distance of all samples is below
+            this fraction of the smallest in the window.
+        previous_tau: (...) time of the last tick's closest configuration [s]; NaN for no window.
+    """
+    # |x - x*|^2 / 2 without |x|^2 / 2, which is the same for all samples.
+    weighted = _flat(shares[..., None] * points)
+    costs = np.concatenate([weighted, shares], axis=-1) @ reference._cost_terms
+    rounding = _ROUNDING * reference._largest_square
+    index = _last_minimum(costs, rounding)
+    if window is not None and previous_tau is not None:
+        outside = _outside(reference.times, np.asarray(previous_tau), window)
+        nearby = _last_minimum(np.where(outside, np.inf, costs), rounding)
+        anywhere_square, nearby_square = (
+            np.vecdot(shares, np.square(reference.positions[i] - points).sum(axis=-1))
+            for i in (index, nearby)
+        )
+        index = np.where(anywhere_square < escape_ratio * nearby_square, index, nearby)
+    if not interpolate:
+        return index.astype(float)
+    # The closest configurations on the two segments beside the closest sample.
+    steps = reference._steps[index]
+    offset = _flat(shares[..., None] * (points - reference.positions[index]))
+    along = np.vecdot(steps, offset[..., None, :])
+    length = np.vecdot(reference._squared_steps[index], shares[..., None, :])
+    fraction = np.minimum(np.maximum(along / np.maximum(length, 1e-300), 0.0), 1.0)
+    gain = fraction * (2.0 * along - fraction * length)
+    forward = gain[..., 0] >= gain[..., 1]
+    return index + forward * fraction[..., 0] - ~forward * fraction[..., 1]
+
+
+def rms_length(vectors: np.ndarray) -> np.ndarray:
+    """Returns the root mean square length (...) of the vectors (..., N, 3) of N points."""
+    return np.sqrt(np.mean(np.sum(vectors**2, axis=-1), axis=-1))
+
+
+def rigid_velocities(
+    X: np.ndarray, origins: np.ndarray, positions: np.ndarray, period: float
+) -> np.ndarray:
+    """Returns the velocities (K, N, 3) [m/s] of a rigid body's points, from differences of poses.
+
+    Each sample's velocities are those of a rigid motion: the central difference of the poses, at
+    the first sample the forward difference, and at the last sample zero.
+
+    Args:
+        X: (K, 4, 4) poses of the body; only the rotations are used.
+        origins: (K, 3) positions of a point of the body [m], about which it turns.
+        positions: (K, N, 3) positions of the body's points [m].
+        period: Time between the samples [s].
+    """
+    after = np.arange(1, len(X))
+    before = np.maximum(after - 2, 0)
+    spans = period * (after - before)[:, None]
+    turns = X[after, :3, :3] @ X[before, :3, :3].swapaxes(-1, -2)
+    omega = rotation_log(turns) / spans
+    v = (origins[after] - origins[before]) / spans
+    velocities = np.zeros_like(positions)
+    arms = positions[:-1] - origins[:-1, None]
+    velocities[:-1] = v[:, None] + np.cross(omega[:, None], arms)
+    return velocities
+
+
+def _flat(vectors: np.ndarray) -> np.ndarray:
+    return vectors.reshape((*vectors.shape[:-2], 3 * vectors.shape[-2]))
+
+
+def _last_minimum(costs: np.ndarray, rounding: float) -> np.ndarray:
+    """Returns the index (...) of the last of the smallest costs (..., T), up to rounding."""
+    smallest = costs <= costs.min(axis=-1, keepdims=True) + rounding
+    return costs.shape[-1] - 1 - smallest[..., ::-1].argmax(axis=-1)
+
+
+def _outside(
+    times: np.ndarray, previous_tau: np.ndarray, window: tuple[float, float]
+) -> np.ndarray:
+    """Returns which samples are outside of the progress window: (..., T) bool.
+
+    Even the narrowest window contains the samples on both sides of `previous_tau`.
+    """
+    backward, forward = window
+    tau = previous_tau[..., None]
+    after = np.arange(times.size) - np.maximum(np.searchsorted(times, tau, side="right") - 1, 0)
+    return ((times < tau - backward) | (times > tau + forward)) & (after != 0) & (after != 1)

@@ -5,8 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from poil_drake.errors import TransferError
-from poil_drake.geometry.rigid_consensus import rigid_inliers
-from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_fit import kabsch, rigid_inliers
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 
 _START = 3

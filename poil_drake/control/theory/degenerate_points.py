@@ -38,8 +38,8 @@ class PointSetCondition(NamedTuple):
     """How well points determine a rotation, in their principal axes.
 
     Attributes:
-        eigenvalues: (3,) l of W = sum_i w_i r_i r_i^T about the centroid, ascending [m^2].
-        axes: (3, 3) the principal axes as columns.
+        axes: (3, 3) the principal axes as columns, in ascending order of the eigenvalues l of
+            W = sum_i w_i r_i r_i^T about the centroid.
         axis_distances: (3,) root mean square distance of the points from each axis [m]:
             sqrt((l_i + l_j) / sum_i w_i) about axis k.
         condition: Ratio of the largest to the smallest eigenvalue of A = tr(W) I - W,
@@ -48,18 +48,15 @@ class PointSetCondition(NamedTuple):
         noise_per_error: (3,) standard deviation of the fitted small rotation about each axis [rad]
             per standard deviation of the points' coordinates [m]. It is 1 / sqrt(l_i + l_j) if all
             weights are 1, and infinite for rotations that are not determined.
-        gaps: (2,) relative differences of successive eigenvalues.
         shape: See `PointSetShape`.
         symmetric: Whether two eigenvalues nearly agree, so that the critical rotations are nearly
             a circle. The field still converges from almost everywhere.
     """
 
-    eigenvalues: np.ndarray
     axes: np.ndarray
     axis_distances: np.ndarray
     condition: float
     noise_per_error: np.ndarray
-    gaps: np.ndarray
     shape: PointSetShape
     symmetric: bool
 
@@ -93,12 +90,10 @@ def point_set_condition(points: np.ndarray, weights: np.ndarray | None = None) -
     dimensions = np.count_nonzero(thickness >= _MIN_SPREAD)
     gaps = np.diff(eigenvalues) / np.maximum(eigenvalues[1:] + eigenvalues[:-1], 1e-300)
     return PointSetCondition(
-        eigenvalues=eigenvalues,
         axes=axes,
         axis_distances=np.sqrt(inertia / w.sum()),
         condition=inertia[0] / inertia[2] if determined[2] else np.inf,
         noise_per_error=noise,
-        gaps=gaps,
         shape=list(PointSetShape)[dimensions],
         symmetric=bool(gaps.min() < _MIN_GAP),
     )

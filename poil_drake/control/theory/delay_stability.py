@@ -9,8 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 
-from poil_drake.errors import InvalidValueError
-
 LARGEST_DELAY_GAIN = np.pi / 2.0
 """e'(t) = -eta e(t - d) is stable for eta d below this; at this value e = cos(eta t) persists."""
 
@@ -31,10 +29,6 @@ def delayed_loop_roots(gain: float, periods: float) -> np.ndarray:
         gain: h.
         periods: d / dt, not negative.
     """
-    if not periods >= 0.0:
-        raise InvalidValueError(
-            f"The delay is {periods} sampling periods.", remedy="Pass a non-negative delay."
-        )
     k = int(periods)
     fraction = periods - k
     # Powers of z from k + 2 down.

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.geometry.point_cloud import PointCloud
+from poil_drake.geometry.point_cloud import PointCloud, farthest_point_sampling
 from poil_drake.geometry.rigid_transform import skew
-from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.transfer.alignment.nearest_neighbours import NearestNeighbours, nearest_both_ways
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from poil_drake.errors import TransferError
-from poil_drake.geometry.sampling import farthest_point_sampling
+from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.transfer.registration.local_reconstruction import local_reconstruction_weights
 
 if TYPE_CHECKING:

@@ -6,10 +6,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanner
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.reference.make_reference import ReferenceConfig, make_reference
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
+from poil_drake.control.reference.make_reference import make_reference
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.control.reference.pose_smoothing import interpolate_poses
+from poil_drake.control.reference.timing import ReferenceConfig
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 from poil_drake.geometry.scene_cloud import SceneCloud
 

@@ -5,11 +5,10 @@ from entry_scenes import at, rod_scene, wall_scene
 from numpy.testing import assert_array_equal
 
 from poil_drake.control.entry.entry_monitor import safe_entry_step
+from poil_drake.control.entry.entry_paths import TransitConfig
 from poil_drake.control.entry.entry_state import EntryMonitorConfig, EntryState, EntryStatus
-from poil_drake.control.entry.entry_transit import TransitConfig
 from poil_drake.control.entry.safe_entry import EntryKind, SafeEntryConfig
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import BcsdmStatus, point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, BcsdmStatus, point_set_bcsdm
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 

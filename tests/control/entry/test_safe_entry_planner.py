@@ -10,11 +10,10 @@ from entry_runs import drive, shortfall
 from entry_scenes import at, rod_scene, shelf_scene, wall_scene
 from numpy.testing import assert_array_equal
 
-from poil_drake.control.entry import entry_transit
-from poil_drake.control.entry.entry_transit import TransitConfig
+from poil_drake.control.entry import entry_paths
+from poil_drake.control.entry.entry_paths import TransitConfig
 from poil_drake.control.entry.safe_entry import EntryKind, SafeEntryConfig
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.field.rollout import rollout
 from poil_drake.errors import PlanningError
 from poil_drake.geometry.rigid_fit import kabsch
@@ -255,17 +254,17 @@ def test_a_noisy_track_leads_to_the_goal_too(scenes, planners):
 def test_with_enough_seeds_every_candidate_is_searched(scenes, planners, monkeypatch):
     model = planners["wall"].model
     start = model.start(scenes["wall"].points_at(BEHIND_THE_WALL))
-    candidates = entry_transit.entry_candidates(model, start)
+    candidates = entry_paths.entry_candidates(model, start)
     searched = []
 
     def note(space, first, last, **_):
         searched.append(tuple(last[:3].round(6)))
 
-    monkeypatch.setattr(entry_transit, "rrt_connect", note)
+    monkeypatch.setattr(entry_paths, "rrt_connect", note)
     config = TransitConfig(goals=3)
 
     for seed in range(200):
-        entry_transit.searched_transit(model, start, candidates, config, seed)
+        entry_paths.searched_transit(model, start, candidates, config, seed)
 
     assert len(searched) == 3 * 200
     assert len(set(searched[0::3])) == len(set(searched[1::3])) == 1

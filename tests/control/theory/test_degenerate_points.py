@@ -27,11 +27,9 @@ def test_condition_of_a_set_by_hand():
 
     condition = dut.point_set_condition(body)
 
-    np.testing.assert_allclose(condition.eigenvalues, [2.0, 8.0, 18.0])
     np.testing.assert_allclose(condition.axis_distances, np.sqrt(np.array([26.0, 20, 10]) / 6.0))
     assert condition.condition == pytest.approx(2.6)
     np.testing.assert_allclose(condition.noise_per_error, 1.0 / np.sqrt([26.0, 20.0, 10.0]))
-    np.testing.assert_allclose(condition.gaps, [6 / 10, 10 / 26])
     assert condition.shape is dut.PointSetShape.SPATIAL
     assert not condition.symmetric
 
@@ -116,17 +114,6 @@ def test_noise_is_never_divided_by_less_than_the_smallest_spread(thickness):
     np.testing.assert_allclose(turns[:, 1:], plain[:, 1:], rtol=1e-6, atol=1e-9)
     if thickness > 1e-8:
         assert np.std(plain[:, 0]) == pytest.approx(1e-3 / thickness / np.sqrt(6.0), rel=0.1)
-
-
-def test_well_observed_turns_are_not_slowed():
-    rng = np.random.default_rng(2)
-    velocities = rng.normal(size=(6, 3))
-    body = near_line(2.1e-3)
-
-    slowed, plain = fit_turn(body, velocities, 2e-3), fit_turn(body, velocities, 0.0)
-
-    np.testing.assert_array_equal(slowed.omega, plain.omega)
-    np.testing.assert_array_equal(slowed.v, plain.v)
 
 
 @pytest.mark.parametrize("outlier_test", ["rigidity", "velocity", "none"])

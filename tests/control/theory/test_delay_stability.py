@@ -5,7 +5,6 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.theory import delay_stability as dut
-from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 ETA = 3.0
@@ -145,8 +144,3 @@ def test_tracker_of_the_paper_without_propagation_overshoots_and_settles():
     assert size < 1.0
     assert -0.4 < np.min(offsets) < -0.1
     assert np.max(np.abs(offsets[40:])) < 2.0 * size**40
-
-
-def test_delay_must_not_be_negative():
-    with pytest.raises(InvalidValueError, match="delay"):
-        dut.delayed_loop_limits(-1.0)

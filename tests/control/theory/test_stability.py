@@ -6,8 +6,7 @@ from point_references import seeds
 
 from poil_drake.control.field.twist_fit import fit_twist
 from poil_drake.control.theory import stability as dut
-from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp
+from poil_drake.geometry.rigid_transform import rotation_angle, rotation_exp, rotation_log
 
 property_test = settings(derandomize=True, max_examples=100)
 
@@ -186,6 +185,95 @@ def test_moment_matrix_is_about_the_weighted_centroid():
     assert dut.moment_matrix(points, np.array([2.0, 1.0]))[0, 0] == pytest.approx(6.0)
 
 
-def test_symmetric_points_have_no_isolated_critical_rotations():
-    with pytest.raises(InvalidValueError, match="isolated"):
-        dut.critical_rotations(np.diag([1.0, 2.0, 2.0]))
+# The escape from the saddles.
+
+
+def turned_moments(rng):
+    """Moments of centred points whose principal axes are not those of the frame."""
+    return dut.moment_matrix(centred_points(rng) @ rotation_exp(rng.normal(size=3)).T)
+
+
+def times_to_turn(W, R, origin, angle, step=0.02, max_time=40.0):
+    """Times at which the flow is `angle` away from `origin` [s], by the midpoint rule."""
+    times = np.full(R.shape[:-2], np.nan)
+    from_origin = np.swapaxes(origin, -1, -2)
+    before = rotation_angle(from_origin @ R)
+    for n in range(int(max_time / step)):
+        half = R @ rotation_exp(0.5 * step * dut.rotation_velocity(W, R))
+        R = R @ rotation_exp(step * dut.rotation_velocity(W, half))
+        after = rotation_angle(from_origin @ R)
+        crossed = np.isnan(times) & (after >= angle)
+        times[crossed] = step * (n + (angle - before[crossed]) / (after - before)[crossed])
+        before = after
+        if not np.isnan(times).any():
+            break
+    return times
+
+
+@given(seeds)
+@settings(derandomize=True, max_examples=40)
+def test_rates_are_those_of_the_flow_near_the_saddles(seed):
+    W = turned_moments(np.random.default_rng(seed))
+    axes = np.linalg.eigh(W)[1]
+    step = 1e-5
+
+    rates = dut.escape_rates(W)
+
+    for k, saddle in enumerate(dut.critical_rotations(W)):
+        for i in range(3):
+            ahead, behind = (
+                dut.rotation_velocity(W, saddle @ rotation_exp(s * step * axes[:, i]))
+                for s in (1, -1)
+            )
+            np.testing.assert_allclose(
+                (ahead - behind) / (2.0 * step), rates[k, i] * axes[:, i], atol=1e-8
+            )
+
+
+@pytest.mark.parametrize(("saddle", "axis"), [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (2, 2)])
+def test_escape_time_is_logarithmic_in_the_distance_in_every_unstable_direction(saddle, axis):
+    # W is diagonal, so that rounding does not push the flow towards a faster direction.
+    W = np.diag([1.0, 2.0, 4.0])
+    rate = [[1.0, 3 / 5, 1 / 3], [2 / 6, 1.0, None], [None, None, 1.0]][saddle][axis]
+    origin = dut.critical_rotations(W)[saddle]
+    distances = np.geomspace(1e-3, 1e-1, 5)
+    starts = origin @ rotation_exp(distances[:, None] * np.eye(3)[axis])
+
+    measured = times_to_turn(W, starts, origin, angle=1.0)
+
+    slope = np.polyfit(np.log(1.0 / distances), measured, 1)[0]
+    assert slope == pytest.approx(1.0 / rate, rel=2e-3)
+    np.testing.assert_allclose(measured, dut.escape_time(rate, distances, 1.0), atol=0.01)
+
+
+@given(seeds)
+@settings(derandomize=True, max_examples=10)
+def test_escape_in_any_direction_has_the_fastest_rate(seed):
+    rng = np.random.default_rng(seed)
+    W = turned_moments(rng)
+    axes = np.linalg.eigh(W)[1]
+    distances = np.geomspace(1e-8, 1e-5, 4)
+    directions = rng.normal(size=(3, 3))
+    # Not across the saddle's own axis, whose part alone has the fastest rate.
+    directions += 2.0 * (axes * np.sign(np.sum(directions * axes.T, axis=1))).T
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    saddles = dut.critical_rotations(W)[:, None]
+    starts = saddles @ rotation_exp(distances[:, None] * directions[:, None])
+
+    measured = times_to_turn(W, starts, saddles, angle=1.0)
+
+    slopes = np.polyfit(np.log(1.0 / distances), measured.T, 1)[0]
+    # 1 / 1: the rate about the saddle's own axis. A competing rate r fades as distance^(1 - r).
+    np.testing.assert_allclose(slopes, 1.0, rtol=0.05)
+
+
+def test_flow_about_a_saddles_own_axis_ends_at_the_goal_and_about_another_at_a_saddle():
+    W = np.diag([1.0, 2.0, 4.0])
+    saddles = dut.critical_rotations(W)
+    ends = {0: np.eye(3), 1: saddles[2], 2: saddles[1]}
+
+    for axis, end in ends.items():
+        R = saddles[0] @ rotation_exp(0.5 * np.eye(3)[axis])
+        for _ in range(3000):
+            R = R @ rotation_exp(0.02 * dut.rotation_velocity(W, R))
+        assert np.linalg.norm(rotation_log(R.T @ end)) < 1e-6

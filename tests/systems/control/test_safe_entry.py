@@ -4,11 +4,10 @@ from pydrake.systems.framework import DiagramBuilder
 from system_bench import SystemBench
 
 from poil_drake.control.entry.entry_monitor import safe_entry_step
+from poil_drake.control.entry.entry_paths import TransitConfig
 from poil_drake.control.entry.entry_state import EntryMonitorConfig, EntryState, EntryStatus
-from poil_drake.control.entry.entry_transit import TransitConfig
 from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanner
-from poil_drake.control.field.bcsdm_config import BcsdmConfig
-from poil_drake.control.field.point_set_bcsdm import point_set_bcsdm
+from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.systems.absent import ABSENT

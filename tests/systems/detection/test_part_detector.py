@@ -6,7 +6,7 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 from system_bench import SystemBench
 
 from poil_drake.errors import DetectionError
-from poil_drake.geometry.depth_masks import DepthMaskConfig
+from poil_drake.geometry.depth_image import DepthMaskConfig
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame

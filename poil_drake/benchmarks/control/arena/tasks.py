@@ -10,8 +10,8 @@ from poil_drake.benchmarks.control.arena.task import ControlTask, Fixture
 from poil_drake.diagrams.demonstration.hanging_motion import hanging_keyframes
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
-from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.models.bag_sdf import BagParameters, handle_vertices
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_mesh import handle_mesh

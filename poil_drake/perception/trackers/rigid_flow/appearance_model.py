@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from poil_drake.geometry.depth_image import project
 from poil_drake.geometry.frozen_array import SharedOnCopy
-from poil_drake.geometry.unprojection import project
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.free_space import (
     FreeSpaceGrid,

@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.depth_masks import erode_mask
+from poil_drake.geometry.depth_image import erode_mask
 from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.geometry.rigid_transform import make_transform
-from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import (
     SEARCH_REACH,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from poil_drake.geometry.sampling import farthest_point_sampling
+from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.perception.trackers.rigid_flow.rows import Rows
 from poil_drake.perception.trackers.rigid_flow.view_window import (
     PosedView,

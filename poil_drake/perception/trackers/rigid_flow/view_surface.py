@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from poil_drake.geometry.depth_image import depth_normals
 from poil_drake.geometry.pca_normals import pca_normals
 from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
-from poil_drake.geometry.unprojection import depth_normals
 from poil_drake.perception.trackers.rigid_flow.view_window import EDGE_JUMP, ViewWindow
 
 _SPACING = 0.003  # of the surface points [m]; two pixels at 0.65 m

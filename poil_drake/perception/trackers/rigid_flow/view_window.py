@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from poil_drake.geometry.depth_masks import depth_edges
+from poil_drake.geometry.depth_image import depth_edges, project
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import inverse, transform_points
-from poil_drake.geometry.unprojection import project
 from poil_drake.perception.images import CameraModel, RgbdImage
 
 EDGE_JUMP = 0.015

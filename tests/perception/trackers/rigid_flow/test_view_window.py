@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from poil_drake.geometry.depth_image import project
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp
-from poil_drake.geometry.unprojection import project
 from poil_drake.perception.trackers.rigid_flow.view_window import make_window
 
 POINTS = np.array([[0.45, 0.02, 0.05], [0.48, -0.03, 0.09], [0.42, 0.0, 0.01]])

@@ -1,16 +1,47 @@
-"""Collision-free paths of the object to one of several samples of the reference."""
+"""Collision-free paths of the object onto the reference: by the field, straight, or searched."""
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from poil_drake.control.entry.entry_clearance import EntryStart
 from poil_drake.control.entry.entry_model import EntryModel
+from poil_drake.control.field.point_set_bcsdm import (
+    BcsdmConfig,
+    BcsdmOutput,
+    BcsdmStatus,
+    point_set_bcsdm,
+)
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.geometry.rigid_fit import kabsch
+from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 from poil_drake.planning.path_shortening import EdgeChecker, round_corners, shorten_path
 from poil_drake.planning.pose_vectors import PoseSpace, poses_of, same_side, vectors_of
 from poil_drake.planning.rrt_connect import rrt_connect
+
+# The field depends on the pose alone, so a speed limit that keeps the field's direction does not
+# change the path, and steps may be long where the path is nearly straight.
+_STEP_LENGTH = 0.01
+"""Largest motion of a point of the object in a step [m]."""
+
+_STEP_TIME = 0.1
+"""Longest step [s]; with eta = 3 / s it removes a third of the error."""
+
+_CONTACT_TUBE = 0.04
+"""Where the reference is in contact, a rollout is clear only if no point of the object is farther
+from the reference than this [m]. Clouds in contact do not show whether a loop is around a rod or
+below it, or whether the rod bends a strap; only the path does."""
+
+_JOINED = 0.002
+"""The object has joined the reference once none of its points is farther from it than this [m]."""
+
+_MAX_STEPS = 300
+"""Enough for 2 m of path and the time to converge. A field that has not joined the reference by
+then, for example close to a saddle, does not count as clear."""
+
+_BATCH = 12
+"""Number of steps between two checks for collisions."""
 
 _CANDIDATES = 16
 """Number of samples of the reference to try: one every 3 cm for a path of half a metre."""
@@ -45,16 +76,57 @@ class TransitConfig:
     iterations: int = 400
 
 
-class Transit(NamedTuple):
-    """A path to the reference.
+def roll_out_entry(
+    model: EntryModel,
+    start: EntryStart,
+    reference: PointTrajectory,
+    field: BcsdmConfig,
+    *,
+    tau: float | None = None,
+) -> np.ndarray | None:
+    """Returns the object's path (K, 4, 4) under the field until it joins the reference.
 
-    Attributes:
-        poses: (K, 4, 4) X_WB from the start to the reference's pose at `sample`.
-        sample: The sample of the reference at which the path ends.
+    The result is None if the object collides, leaves a part of the reference that is in contact
+    with the scene, or does not join the reference.
+
+    Args:
+        model: Object and scene.
+        start: Pose of the object.
+        reference: The reference that the field follows.
+        field: Parameters of the field.
+        tau: Time of the last closest configuration, for the progress window [s].
     """
+    X = start.X_WB
+    poses: list[np.ndarray] = []
+    checked = 0
+    for _ in range(_MAX_STEPS):
+        poses.append(X)
+        points = transform_points(X, model.points)
+        output = point_set_bcsdm(points, reference, field, previous_tau=tau)
+        if output.status is BcsdmStatus.LOST:
+            return None
+        tau = output.tau
+        X_target = kabsch(model.points, output.target_points)
+        apart = float(model.displacement(X[None], X_target[None])[0, 0])
+        if reference.times[-1] - tau <= model.contact_left and apart > _CONTACT_TUBE:
+            return None
+        joined = output.status is BcsdmStatus.GOAL or max(output.mean_error, apart) < _JOINED
+        if joined or len(poses) - checked >= _BATCH:
+            if not model.is_free(np.array(poses[checked:]), start).all():
+                return None
+            checked = len(poses)
+        if joined:
+            return np.array(poses)
+        X = _step(X, output, model.radius)
+    return None
 
-    poses: np.ndarray
-    sample: int
+
+def _step(X: np.ndarray, output: BcsdmOutput, radius: float) -> np.ndarray:
+    """Returns the next pose: the body turns about the centroid, and the centroid moves straight."""
+    omega, arm = output.omega, X[:3, 3] - output.centroid
+    speed = float(np.linalg.norm(output.v + np.cross(omega, arm)) + radius * np.linalg.norm(omega))
+    duration = min(_STEP_TIME, _STEP_LENGTH / max(speed, 1e-9))
+    return moved_by_twist(X, output.twist, output.centroid, duration)
 
 
 def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
@@ -88,7 +160,7 @@ def entry_candidates(model: EntryModel, start: EntryStart) -> np.ndarray:
 
 def straight_transit(
     model: EntryModel, start: EntryStart, candidates: np.ndarray
-) -> Transit | None:
+) -> tuple[np.ndarray, int] | None:
     """Returns the first straight path to the reference that is free; None if no path is free.
 
     The nearest sample of the whole reference is tried last. An object that was pushed just before
@@ -98,13 +170,16 @@ def straight_transit(
         model: Object, scene and reference.
         start: Pose of the object.
         candidates: (C,) samples at which the path may end, in the order in which they are tried.
+
+    Returns:
+        Poses X_WB (K, 4, 4) on the path, and the sample of the reference at which it ends.
     """
     edges = model.edges(start)
     nearest = int(np.argmin(model.displacement(start.X_WB[None], model.poses)[0]))
     for index in [*candidates.tolist(), nearest]:
         corners = vectors_of(np.stack([start.X_WB, model.poses[index]]), model.radius)
         if edges.is_free(*corners):
-            return Transit(poses_of(edges.samples(*corners)), index)
+            return poses_of(edges.samples(*corners)), index
     return None
 
 
@@ -114,7 +189,7 @@ def searched_transit(
     candidates: np.ndarray,
     config: TransitConfig,
     seed: int,
-) -> Transit | None:
+) -> tuple[np.ndarray, int] | None:
     """Returns a path found by RRT-Connect, shortened and with rounded corners; None without one.
 
     Goals with more clearance are tried first, and the nearest first among equals. Clearances are
@@ -127,6 +202,9 @@ def searched_transit(
         candidates: (C,) samples at which the path may end.
         config: Effort of the search.
         seed: Seed of the search.
+
+    Returns:
+        See `straight_transit`.
     """
     X_goals = model.poses[candidates]
     room = np.floor(model.clearance(X_goals, _OPEN_CLEARANCE) / _OPEN_CLEARANCE * 4.0)
@@ -152,7 +230,7 @@ def searched_transit(
             corners = _turned_evenly(same_side(found), edges)
             corners = shorten_path(corners, edges, _SHORTCUTS, rng)
             path = round_corners(corners, edges, width=_SMOOTHING)
-            return Transit(poses_of(path), int(candidates[goal]))
+            return poses_of(path), int(candidates[goal])
     return None
 
 
