@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from poil_drake.errors import DetectionError
-from poil_drake.perception.detectors.label_image import LabelImageDetector
+from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.perception.detectors import LabelImageDetector, make_detector
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 SIZE = (12, 16)
@@ -65,3 +65,12 @@ def test_a_part_of_too_few_pixels_is_not_seen() -> None:
 
     with pytest.raises(DetectionError, match=r"59 pixels.* 60 are needed"):
         LabelImageDetector().detect(seen, object_label="mug", part_label="handle")
+
+
+def test_detectors_are_made_by_name() -> None:
+    assert isinstance(make_detector("label_image"), LabelImageDetector)
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    with pytest.raises(InvalidValueError, match=r"'owl'.*label_image"):
+        make_detector("owl")
