@@ -11,7 +11,7 @@ from poil_drake.perception.images import CameraModel
 _DEVICES: dict[type, tuple[str, str]] = {
     RealSense: ("poil_drake.perception.capture.real_sense.device", "RealSenseDevice"),
     Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
-    OpenCvStreams: ("poil_drake.perception.capture.opencv.streams", "OpenCvStreamsDevice"),
+    OpenCvStreams: ("poil_drake.perception.capture.opencv_streams", "OpenCvStreamsDevice"),
 }
 
 

@@ -1,5 +1,8 @@
 """An RGB-D camera that OpenCV reads as two sources: one of colour, one of depth."""
 
+import re
+from pathlib import Path
+
 import cv2
 import numpy as np
 
@@ -7,9 +10,14 @@ from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.device import Clock
-from poil_drake.perception.capture.opencv.pairs import FilePair, LivePair
-from poil_drake.perception.capture.opencv.sources import is_file, open_source
+from poil_drake.perception.capture.opencv_pairs import FilePair, LivePair
 from poil_drake.perception.images import CameraModel, RgbdImage
+
+_TIMEOUTS = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1000]
+"""Timeouts for opening a URL and for reading an image from it [ms]. OpenCV's defaults are 30 s."""
+
+_NUMBERED = re.compile(r"%0?\d*d")
+"""Matches the number in a pattern of numbered images."""
 
 
 class OpenCvStreamsDevice:
@@ -36,7 +44,7 @@ class OpenCvStreamsDevice:
                     f"OpenCvStreams.{name} of camera '{camera.name}' is empty.",
                     remedy="Set it to a device, a video, a pattern of images, a URL or a pipeline.",
                 )
-        if is_file(config.rgb) != is_file(config.depth):
+        if _is_file(config.rgb) != _is_file(config.depth):
             raise InvalidValueError(
                 f"Camera '{camera.name}' has one file and one live source: rgb '{config.rgb}', "
                 f"depth '{config.depth}'.",
@@ -58,13 +66,12 @@ class OpenCvStreamsDevice:
             raise
         # `_depth` rejects the images of a backend that does not support this.
         depth.set(cv2.CAP_PROP_CONVERT_RGB, 0)
-        pair = FilePair if is_file(config.rgb) else LivePair
+        pair = FilePair if _is_file(config.rgb) else LivePair
         self._pair = pair([rgb, depth], config, camera=self._camera.name, clock=self._clock)
 
     def read(self) -> RgbdImage | None:
         """Returns a new image; see `CaptureDevice.read`."""
-        if self._pair is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
+        assert self._pair is not None, "not open"
         pair = self._pair.read()
         if pair is None:
             return None
@@ -85,8 +92,53 @@ class OpenCvStreamsDevice:
             pair.close()
 
     def _open(self, source: str, fourcc: str) -> cv2.VideoCapture:
-        fps = self._config.fps
-        return open_source(source, camera=self._source, size=self._size, fps=fps, fourcc=fourcc)
+        """Opens an image source with OpenCV.
+
+        A device is asked for a size, a rate and a format. A URL or a pipeline delivers what its
+        sender sends.
+
+        Args:
+            source: A source as described in `OpenCvStreams`.
+            fourcc: The format to request; empty for the device's default.
+
+        Raises:
+            CaptureError: if OpenCV cannot open the source, or if a live source reports another size
+                or format than requested.
+        """
+        capture = _opened(source)
+        if not capture.isOpened():
+            raise CaptureError(
+                f"{self._source}: OpenCV cannot open '{source}'.",
+                remedy="Check the source's name and permissions (group video), and that no other "
+                "program uses it. A pipeline needs an OpenCV that was built with GStreamer.",
+            )
+        if _is_file(source):
+            return capture
+        height, width = self._size
+        if not _is_stream(source):
+            if fourcc:
+                capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*fourcc))
+            capture.set(cv2.CAP_PROP_FRAME_WIDTH, width)
+            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, height)
+            capture.set(cv2.CAP_PROP_FPS, self._config.fps)
+        found_size = tuple(
+            int(capture.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+        )
+        found_fourcc = fourcc
+        if fourcc and not _is_stream(source):
+            code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+            found_fourcc = code.to_bytes(4, "little").decode("ascii", "replace")
+        # A source that does not report its size is checked by its images.
+        if (found_size != (width, height) and min(found_size) > 0) or found_fourcc != fourcc:
+            capture.release()
+            raise CaptureError(
+                f"{self._source}: '{source}' delivers {found_size[0]} x {found_size[1]} pixels"
+                f"{f' as {found_fourcc!r}' if fourcc else ''}, not {width} x {height}"
+                f"{f' as {fourcc!r}' if fourcc else ''}.",
+                remedy="Choose a size and a format that the source supports (v4l2-ctl "
+                "--list-formats-ext lists them), and the calibration for that size.",
+            )
+        return capture
 
     def _color(self, bgr: np.ndarray) -> np.ndarray:
         if bgr.ndim != 3 or bgr.shape[2] != 3:
@@ -106,3 +158,25 @@ class OpenCvStreamsDevice:
                 "a pipeline, FFV1 gray16le for a video, or numbered 16-bit PNG files.",
             )
         return raw
+
+
+def _is_file(source: str) -> bool:
+    """Returns whether a source (see `OpenCvStreams`) is a file or numbered images, not live."""
+    return not (_is_stream(source) or source.isdecimal() or Path(source).is_char_device())
+
+
+def _is_stream(source: str) -> bool:
+    return " ! " in source or "://" in source
+
+
+def _opened(source: str) -> cv2.VideoCapture:
+    if source.isdecimal():
+        return cv2.VideoCapture(int(source))
+    if " ! " in source:
+        return cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
+    if "://" in source:
+        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, _TIMEOUTS)
+    if _NUMBERED.search(source):
+        # FFmpeg, OpenCV's first choice, would convert 16-bit images to 8 bit.
+        return cv2.VideoCapture(source, cv2.CAP_IMAGES)
+    return cv2.VideoCapture(source)
