@@ -9,7 +9,7 @@ from poil_drake.perception.images import CameraModel
 
 # Modules and classes, by name so that only the device in use is imported.
 _DEVICES: dict[type, tuple[str, str]] = {
-    RealSense: ("poil_drake.perception.capture.real_sense.device", "RealSenseDevice"),
+    RealSense: ("poil_drake.perception.capture.real_sense", "RealSenseDevice"),
     Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
     OpenCvStreams: ("poil_drake.perception.capture.opencv_streams", "OpenCvStreamsDevice"),
 }

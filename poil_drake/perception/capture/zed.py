@@ -11,8 +11,8 @@ from poil_drake.errors import CaptureError, InvalidValueError, MissingDependency
 from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.device import Clock
-from poil_drake.perception.capture.host_stamps import HostStamps
 from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.capture.stamps import HostStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.interpreter_turns import TURNS
 

@@ -25,11 +25,6 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def clock() -> SettableClock:
-    return SettableClock(1000.0)
-
-
 def opened(
     folder: Path, clock: SettableClock, *, rgb: str = "rgb", depth: str = "depth"
 ) -> OpenCvStreamsDevice:

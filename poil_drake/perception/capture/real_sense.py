@@ -1,6 +1,5 @@
 """Intel RealSense cameras, read by `pyrealsense2`."""
 
-import time
 from contextlib import suppress
 from typing import Any
 
@@ -11,8 +10,8 @@ from poil_drake.perception.capture.checked_image import checked_image
 from poil_drake.perception.capture.config import RealSense
 from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.perception.capture.intrinsics_check import check_intrinsics
-from poil_drake.perception.capture.real_sense.rectification import Rectification
-from poil_drake.perception.capture.real_sense.stamps import FramePairStamps
+from poil_drake.perception.capture.rectification import Rectification
+from poil_drake.perception.capture.stamps import FramePairStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.interpreter_turns import TURNS
 
@@ -28,21 +27,13 @@ class RealSenseDevice:
     Tested without a camera, but against the library's names and types.
     """
 
-    def __init__(
-        self,
-        config: RealSense,
-        *,
-        camera: CameraModel,
-        clock: Clock,
-        host_clock: Clock = time.time,
-    ):
+    def __init__(self, config: RealSense, *, camera: CameraModel, clock: Clock):
         """Loads the library without opening the camera.
 
         Args:
             config: Which camera to open, and how.
             camera: The camera's model in the scenario.
             clock: Returns the current time [s since the epoch].
-            host_clock: This computer's clock, by which the library stamps images.
 
         Raises:
             MissingDependencyError: if `pyrealsense2` is not installed.
@@ -53,12 +44,7 @@ class RealSenseDevice:
         serial = config.serial or "without a serial number"
         self._source = f"Camera '{camera.name}' (RealSense {serial})"
         self._stamps = FramePairStamps(
-            self._rs,
-            clock,
-            source=self._source,
-            fps=config.fps,
-            latency=config.latency,
-            host_clock=host_clock,
+            self._rs, clock, source=self._source, fps=config.fps, latency=config.latency
         )
         self._align = self._rs.align(self._rs.stream.color)
         self._pipeline: Any = None
