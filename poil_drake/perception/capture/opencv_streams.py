@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
-from poil_drake.perception.capture.checked_image import checked_image
+from poil_drake.perception.capture.checks import checked_image
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.device import Clock
 from poil_drake.perception.capture.opencv_pairs import FilePair, LivePair

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from poil_drake.errors import CaptureError, MissingDependencyError
-from poil_drake.perception.capture.checked_image import checked_image
+from poil_drake.perception.capture.checks import check_intrinsics, checked_image
 from poil_drake.perception.capture.config import RealSense
 from poil_drake.perception.capture.device import PATIENCE, Clock
-from poil_drake.perception.capture.intrinsics_check import check_intrinsics
 from poil_drake.perception.capture.rectification import Rectification
 from poil_drake.perception.capture.stamps import FramePairStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
@@ -48,7 +47,7 @@ class RealSenseDevice:
         )
         self._align = self._rs.align(self._rs.stream.color)
         self._pipeline: Any = None
-        self._rectification: Rectification | None = None
+        self._rectification: Rectification  # Set by `open`.
         self._depth_step = 0.0
         self._last_time = self._settled = 0.0
 
@@ -84,10 +83,8 @@ class RealSenseDevice:
 
     def read(self) -> RgbdImage | None:
         """Returns a new image; see `CaptureDevice.read`."""
-        if self._pipeline is None or self._rectification is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         try:
-            return self._read(self._rectification)
+            return self._read()
         except RuntimeError as error:
             raise CaptureError(
                 f"{self._source} failed: {error}.",
@@ -101,7 +98,7 @@ class RealSenseDevice:
             with suppress(RuntimeError):  # An unplugged camera cannot be stopped.
                 pipeline.stop()
 
-    def _read(self, rectification: Rectification) -> RgbdImage | None:
+    def _read(self) -> RgbdImage | None:
         _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
         TURNS.wait()
         stamp = self._stamps.stamp(frames)
@@ -117,8 +114,8 @@ class RealSenseDevice:
         if not (color and depth):
             return None
         return checked_image(
-            rectification.color(np.asanyarray(color.get_data())),
-            rectification.depth(np.asanyarray(depth.get_data())),
+            self._rectification.color(np.asanyarray(color.get_data())),
+            self._rectification.depth(np.asanyarray(depth.get_data())),
             stamp=stamp,
             size=self._size,
             source=self._source,

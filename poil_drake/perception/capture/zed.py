@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 
 from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
-from poil_drake.perception.capture.checked_image import checked_image
+from poil_drake.perception.capture.checks import check_intrinsics, checked_image
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.device import Clock
-from poil_drake.perception.capture.intrinsics_check import check_intrinsics
 from poil_drake.perception.capture.stamps import HostStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.interpreter_turns import TURNS
@@ -105,8 +104,6 @@ class ZedDevice:
     def read(self) -> RgbdImage | None:
         """Returns a new image; see `CaptureDevice.read`."""
         sl, camera = self._sl, self._camera
-        if camera is None or self._output is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         status = camera.grab(self._runtime)
         TURNS.wait()
         stamp = None
@@ -196,21 +193,11 @@ class ZedDevice:
                 remedy="In the scenario, set a size that has the same aspect ratio and is not "
                 "larger, with the calibration for it, or choose another resolution.",
             )
-        lens = configuration.calibration_parameters.left_cam
-        K = _scaled(lens, width / native.width)
+        lens, scale = configuration.calibration_parameters.left_cam, width / native.width
+        cx, cy = (scale * (centre + 0.5) - 0.5 for centre in (lens.cx, lens.cy))
+        K = np.array([[scale * lens.fx, 0.0, cx], [0.0, scale * lens.fy, cy], [0.0, 0.0, 1.0]])
         check_intrinsics(K, self._model, source=f"{self._source}, scaled to {width} x {height},")
         return self._sl.Resolution(width, height)
-
-
-def _scaled(lens: Any, scale: float) -> np.ndarray:
-    """Returns the intrinsic matrix (3, 3) of a lens (`sl.CameraParameters`) for a scaled image."""
-    return np.array(
-        [
-            [scale * lens.fx, 0.0, scale * (lens.cx + 0.5) - 0.5],
-            [0.0, scale * lens.fy, scale * (lens.cy + 0.5) - 0.5],
-            [0.0, 0.0, 1.0],
-        ]
-    )
 
 
 def _named(kinds: Any, name: str, field: str) -> Any:
