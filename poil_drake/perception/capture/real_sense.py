@@ -14,8 +14,6 @@ from poil_drake.perception.capture.stamps import FramePairStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.interpreter_turns import TURNS
 
-_MILLISECONDS = 1e3
-
 
 class RealSenseDevice:
     """Reads a RealSense, with depth aligned to colour; a `CaptureDevice`.
@@ -99,12 +97,19 @@ class RealSenseDevice:
                 pipeline.stop()
 
     def _read(self) -> RgbdImage | None:
-        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * _MILLISECONDS))
+        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * 1e3))
         TURNS.wait()
         stamp = self._stamps.stamp(frames)
         now = self._clock()
         if stamp is None:
-            self._check_silence(now)
+            # The library reports no error when a camera is unplugged; it only delivers no frames.
+            if now - self._last_time > self._config.silence:
+                serials = ", ".join(_serials(self._rs, self._rs.context())) or "none"
+                raise CaptureError(
+                    f"{self._source} has sent no new image for {self._config.silence:g} s; "
+                    f"connected cameras: {serials}.",
+                    remedy="Check that it is plugged into a USB 3 port.",
+                )
             return None
         self._last_time = now
         if now < self._settled:
@@ -121,15 +126,6 @@ class RealSenseDevice:
             source=self._source,
             depth_step=self._depth_step,
         )
-
-    def _check_silence(self, now: float) -> None:
-        # The library reports no error when a camera is unplugged; it only delivers no frames.
-        if now - self._last_time > self._config.silence:
-            raise CaptureError(
-                f"{self._source} has sent no new image for {self._config.silence:g} s; connected "
-                f"cameras: {', '.join(_serials(self._rs, self._rs.context())) or 'none'}.",
-                remedy="Check that it is plugged into a USB 3 port.",
-            )
 
     def _choose(self, serials: list[str]) -> str:
         wanted = self._config.serial

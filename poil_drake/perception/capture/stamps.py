@@ -18,8 +18,6 @@ _MAX_OLD = 30
 """This many old stamps in a row mean a wrong clock. After a stall, a library delivers at most the
 16 images of its queue."""
 
-_SECONDS_PER_MILLISECOND = 1e-3
-
 _LARGEST_GAP = 0.6
 """Longest time between the two frames of a pair [periods]. The nearest frames of unsynchronized
 sensors are up to half a period apart; 0.1 is for jitter of the stamps."""
@@ -140,7 +138,7 @@ class FramePairStamps:
         domain = color.get_frame_timestamp_domain()
         if depth.get_frame_timestamp_domain() != domain:
             return None
-        times = [frame.get_timestamp() * _SECONDS_PER_MILLISECOND for frame in (color, depth)]
+        times = [frame.get_timestamp() * 1e-3 for frame in (color, depth)]
         if abs(times[0] - times[1]) > self._largest_gap:
             return None
         time = min(times)

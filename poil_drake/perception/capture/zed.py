@@ -15,8 +15,6 @@ from poil_drake.perception.capture.stamps import HostStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.interpreter_turns import TURNS
 
-_SECONDS_PER_NANOSECOND = 1e-9
-
 _SUCCESS = 0
 """Value of `sl.ERROR_CODE.SUCCESS`. Errors have greater values, warnings smaller ones."""
 
@@ -110,10 +108,15 @@ class ZedDevice:
         if status.name not in _PASSING:
             self._check(status)
             taken = camera.get_timestamp(sl.TIME_REFERENCE.IMAGE).get_nanoseconds()
-            stamp = self._stamps.convert(taken * _SECONDS_PER_NANOSECOND)
+            stamp = self._stamps.convert(taken * 1e-9)
         now = self._clock()
         if stamp is None:
-            self._check_silence(status, now)
+            if now - self._last_time > self._config.silence:
+                raise CaptureError(
+                    f"{self._source} has sent no new image for {self._config.silence:g} s "
+                    f"({status.name}).",
+                    remedy="Check that it is plugged in, and run ZED_Diagnostic.",
+                )
             return None
         self._last_time = now
         if now < self._settled:
@@ -148,14 +151,6 @@ class ZedDevice:
         if status.value < _SUCCESS and status.name not in self._warned:
             self._warned.add(status.name)
             logging.getLogger(__name__).warning("%s: %s (%s)", self._source, status.name, status)
-
-    def _check_silence(self, status: Any, now: float) -> None:
-        if now - self._last_time > self._config.silence:
-            raise CaptureError(
-                f"{self._source} has sent no new image for {self._config.silence:g} s "
-                f"({status.name}).",
-                remedy="Check that it is plugged in, and run ZED_Diagnostic.",
-            )
 
     def _connected(self) -> str:
         devices = self._sl.Camera.get_device_list()
