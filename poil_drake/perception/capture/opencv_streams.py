@@ -16,9 +16,6 @@ from poil_drake.perception.images import CameraModel, RgbdImage
 _TIMEOUTS = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, 5000, cv2.CAP_PROP_READ_TIMEOUT_MSEC, 1000]
 """Timeouts for opening a URL and for reading an image from it [ms]. OpenCV's defaults are 30 s."""
 
-_NUMBERED = re.compile(r"%0?\d*d")
-"""Matches the number in a pattern of numbered images."""
-
 
 class OpenCvStreamsDevice:
     """Reads a colour and a depth source together; a `CaptureDevice`.
@@ -64,7 +61,7 @@ class OpenCvStreamsDevice:
         except CaptureError:
             rgb.release()
             raise
-        # `_depth` rejects the images of a backend that does not support this.
+        # `read` rejects the images of a backend that does not support this.
         depth.set(cv2.CAP_PROP_CONVERT_RGB, 0)
         pair = FilePair if _is_file(config.rgb) else LivePair
         self._pair = pair([rgb, depth], config, camera=self._camera.name, clock=self._clock)
@@ -76,9 +73,19 @@ class OpenCvStreamsDevice:
         if pair is None:
             return None
         rgb, depth = pair
+        color, steps = rgb.pixels, depth.pixels
+        if steps.dtype != np.uint16 or steps.ndim != 2:
+            raise NoImageError(
+                f"{self._source} delivers depth of shape {steps.shape} and type {steps.dtype} from "
+                f"'{self._config.depth}', but one channel of uint16 is needed.",
+                remedy="Use a format that OpenCV does not convert: Y16 for a device, GRAY16_LE for "
+                "a pipeline, FFV1 gray16le for a video, or numbered 16-bit PNG files.",
+            )
+        if color.shape[2:] == (3,):  # `checked_image` rejects all else.
+            color = cv2.cvtColor(color, cv2.COLOR_BGR2RGB)
         return checked_image(
-            self._color(rgb.pixels),
-            self._depth(depth.pixels),
+            color,
+            steps,
             stamp=min(rgb.time, depth.time) - self._config.latency,
             size=self._size,
             source=self._source,
@@ -140,25 +147,6 @@ class OpenCvStreamsDevice:
             )
         return capture
 
-    def _color(self, bgr: np.ndarray) -> np.ndarray:
-        if bgr.ndim != 3 or bgr.shape[2] != 3:
-            raise NoImageError(
-                f"{self._source} delivers colour of shape {bgr.shape} and type {bgr.dtype} from "
-                f"'{self._config.rgb}', but 3 channels are needed.",
-                remedy="Use a source that delivers colour images with 3 channels.",
-            )
-        return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
-
-    def _depth(self, raw: np.ndarray) -> np.ndarray:
-        if raw.dtype != np.uint16 or raw.ndim != 2:
-            raise NoImageError(
-                f"{self._source} delivers depth of shape {raw.shape} and type {raw.dtype} from "
-                f"'{self._config.depth}', but one channel of uint16 is needed.",
-                remedy="Use a format that OpenCV does not convert: Y16 for a device, GRAY16_LE for "
-                "a pipeline, FFV1 gray16le for a video, or numbered 16-bit PNG files.",
-            )
-        return raw
-
 
 def _is_file(source: str) -> bool:
     """Returns whether a source (see `OpenCvStreams`) is a file or numbered images, not live."""
@@ -176,7 +164,7 @@ def _opened(source: str) -> cv2.VideoCapture:
         return cv2.VideoCapture(source, cv2.CAP_GSTREAMER)
     if "://" in source:
         return cv2.VideoCapture(source, cv2.CAP_FFMPEG, _TIMEOUTS)
-    if _NUMBERED.search(source):
-        # FFmpeg, OpenCV's first choice, would convert 16-bit images to 8 bit.
+    if re.search(r"%0?\d*d", source):
+        # Numbered images: FFmpeg, OpenCV's first choice, would convert 16 bit to 8 bit.
         return cv2.VideoCapture(source, cv2.CAP_IMAGES)
     return cv2.VideoCapture(source)

@@ -35,7 +35,14 @@ class RealSenseDevice:
         Raises:
             MissingDependencyError: if `pyrealsense2` is not installed.
         """
-        self._rs = _load()
+        try:
+            import pyrealsense2
+        except ImportError as error:
+            raise MissingDependencyError(
+                "pyrealsense2, which reads RealSense cameras, is not installed.",
+                remedy="Install it with: pip install pyrealsense2",
+            ) from error
+        self._rs: Any = pyrealsense2
         self._config, self._camera, self._clock = config, camera, clock
         self._size = (camera.height, camera.width)
         serial = config.serial or "without a serial number"
@@ -97,7 +104,7 @@ class RealSenseDevice:
                 pipeline.stop()
 
     def _read(self) -> RgbdImage | None:
-        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * 1e3))
+        _, frames = self._pipeline.try_wait_for_frames(round(PATIENCE * 1e3))  # [ms]
         TURNS.wait()
         stamp = self._stamps.stamp(frames)
         now = self._clock()
@@ -157,14 +164,3 @@ def _serials(rs: Any, context: Any) -> list[str]:
         for device in context.query_devices()
         if device.supports(rs.camera_info.serial_number)
     ]
-
-
-def _load() -> Any:
-    try:
-        import pyrealsense2
-    except ImportError as error:
-        raise MissingDependencyError(
-            "pyrealsense2, which reads RealSense cameras, is not installed.",
-            remedy="Install it with: pip install pyrealsense2",
-        ) from error
-    return pyrealsense2

@@ -47,7 +47,15 @@ class ZedDevice:
             MissingDependencyError: if the SDK's Python API is not installed.
             InvalidValueError: if the SDK does not know the resolution or the depth mode.
         """
-        self._sl = _load()
+        try:
+            import pyzed.sl
+        except ImportError as error:
+            raise MissingDependencyError(
+                "pyzed, which reads ZED cameras, is not installed.",
+                remedy="Install the ZED SDK from stereolabs.com, and run its get_python_api.py "
+                "with this Python.",
+            ) from error
+        self._sl: Any = pyzed.sl
         self._config, self._model, self._clock = config, camera, clock
         self._source = f"Camera '{camera.name}' (ZED {config.serial or 'without a serial number'})"
         self._resolution = _named(self._sl.RESOLUTION, config.resolution, "resolution")
@@ -204,15 +212,3 @@ def _named(kinds: Any, name: str, field: str) -> Any:
             remedy=f"Choose from: {', '.join(names)}.",
         )
     return kinds[name]
-
-
-def _load() -> Any:
-    try:
-        import pyzed.sl
-    except ImportError as error:
-        raise MissingDependencyError(
-            "pyzed, which reads ZED cameras, is not installed.",
-            remedy="Install the ZED SDK from stereolabs.com, and run its get_python_api.py with "
-            "this Python.",
-        ) from error
-    return pyzed.sl
