@@ -59,12 +59,17 @@ class RealSenseDevice:
     def open(self) -> None:
         """Opens the camera; see `CaptureDevice.open`."""
         self._stamps.restart()
-        rs = self._rs
+        rs, fps, (height, width) = self._rs, self._config.fps, self._size
+        depth_width = self._config.depth_width or width
+        depth_height = self._config.depth_height or height
         try:
             context = rs.context()
-            serial = self._choose(_serials(rs, context))
+            streams = rs.config()
+            streams.enable_device(self._choose(_serials(rs, context)))
+            streams.enable_stream(rs.stream.color, width, height, rs.format.rgb8, fps)
+            streams.enable_stream(rs.stream.depth, depth_width, depth_height, rs.format.z16, fps)
             pipeline = rs.pipeline(context)
-            profile = pipeline.start(self._streams(serial))
+            profile = pipeline.start(streams)
             self._pipeline = pipeline
             device = profile.get_device()
             for sensor in device.query_sensors():
@@ -74,10 +79,9 @@ class RealSenseDevice:
             stream = profile.get_stream(rs.stream.color).as_video_stream_profile()
             intrinsics = stream.get_intrinsics()
         except RuntimeError as error:
-            height, width = self._size
             raise CaptureError(
-                f"{self._source} does not start with {width} x {height} pixels at "
-                f"{self._config.fps} images per second: {error}.",
+                f"{self._source} does not start with {width} x {height} pixels at {fps} images "
+                f"per second: {error}.",
                 remedy="Choose a size and a rate that it supports (rs-enumerate-devices lists "
                 "them), use a USB 3 port, and make sure that no other program uses it.",
             ) from error
@@ -146,16 +150,6 @@ class RealSenseDevice:
             remedy=f"Plug {'it in' if wanted else 'in exactly one'}, or set `serial` in the "
             "scenario to the number on the camera.",
         )
-
-    def _streams(self, serial: str) -> Any:
-        rs, fps, (height, width) = self._rs, self._config.fps, self._size
-        depth_width = self._config.depth_width or width
-        depth_height = self._config.depth_height or height
-        streams = rs.config()
-        streams.enable_device(serial)
-        streams.enable_stream(rs.stream.color, width, height, rs.format.rgb8, fps)
-        streams.enable_stream(rs.stream.depth, depth_width, depth_height, rs.format.z16, fps)
-        return streams
 
 
 def _serials(rs: Any, context: Any) -> list[str]:
