@@ -9,6 +9,8 @@ import numpy as np
 
 from poil_drake.errors import InvalidValueError
 
+_NEIGHBOURS = np.ones((3, 3), np.uint8)
+
 # Bounds (lowest, highest) on fields of `StereoDepthNoiseConfig`.
 _LIMITS = {
     "quadratic": (0.0, np.inf),
@@ -133,20 +135,18 @@ def _disturb_edges(
     """Adds flying pixels to the inverse depth `w` (H, W) [1/m] and holes to `valid` (H, W) bool."""
     chance = np.frombuffer(rng.bytes(w.size), dtype=np.uint8).reshape(w.shape)
     ratio = np.float32(1.0 + config.edge_jump)
-    if config.hole_width > 0:
-        lost = cv2.dilate(w, _square(config.hole_width)) > ratio * w
-        lost &= chance < round(256 * config.hole_probability)
-        valid &= ~lost
-    if config.flying_width > 0:
-        near = cv2.dilate(w, _square(config.flying_width))
-        far = cv2.erode(w, _square(config.flying_width))
-        # Pixels fly only between two valid surfaces.
-        flying = (near > ratio * far) & (far > 0.0)
-        flying &= chance >= 256 - round(256 * config.flying_probability)
-        place = np.flatnonzero(flying)
-        z_near, z_far = 1.0 / near.ravel()[place], 1.0 / far.ravel()[place]
-        share = rng.random(place.size, dtype=np.float32)
-        w.ravel()[place] = 1.0 / (z_near + share * (z_far - z_near))
+    lost = cv2.dilate(w, _NEIGHBOURS, iterations=config.hole_width) > ratio * w
+    lost &= chance < round(256 * config.hole_probability)
+    valid &= ~lost
+    near = cv2.dilate(w, _NEIGHBOURS, iterations=config.flying_width)
+    far = cv2.erode(w, _NEIGHBOURS, iterations=config.flying_width)
+    # Pixels fly only between two valid surfaces.
+    flying = (near > ratio * far) & (far > 0.0)
+    flying &= chance >= 256 - round(256 * config.flying_probability)
+    place = np.flatnonzero(flying)
+    z_near, z_far = 1.0 / near.ravel()[place], 1.0 / far.ravel()[place]
+    share = rng.random(place.size, dtype=np.float32)
+    w.ravel()[place] = 1.0 / (z_near + share * (z_far - z_near))
 
 
 def _punch_holes(
@@ -191,7 +191,3 @@ def _interpolation_gain(height: int, width: int, pitch: int, scale: float) -> np
     gains = (scale * gain(height)[:, None] * gain(width)).astype(np.float32)
     gains.flags.writeable = False
     return gains
-
-
-def _square(radius: int) -> np.ndarray:
-    return np.ones((2 * radius + 1, 2 * radius + 1), dtype=np.uint8)

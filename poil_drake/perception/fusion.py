@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_image import DepthMaskConfig, clean_mask, depth_normals, unproject
 from poil_drake.geometry.pca_normals import pca_normals
 from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
@@ -48,15 +48,9 @@ def fuse_views(
         config: Parameters; None for the defaults.
 
     Raises:
-        InvalidValueError: if there are not as many masks as cameras.
         DetectionError: if no masked pixel has usable depth.
     """
     config = config or FusionConfig()
-    if len(masks) != len(frame.cameras):
-        raise InvalidValueError(
-            f"fuse_views() got {len(masks)} masks for {len(frame.cameras)} cameras.",
-            remedy="Pass one mask for each camera, all False if it does not see the object.",
-        )
     views = [
         _view_points(camera, image, mask, config)
         for camera, image, mask in zip(frame.cameras, frame.images, masks, strict=True)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_image import DepthMaskConfig
 from poil_drake.geometry.rigid_transform import inverse, make_transform
 from poil_drake.perception.fusion import FusionConfig
@@ -114,10 +114,3 @@ def test_masks_without_pixels_are_an_error():
 
     with pytest.raises(DetectionError, match=r"\[0, 0\] pixels"):
         dut(frame, [np.zeros_like(mask) for mask in masks])
-
-
-def test_one_mask_for_each_camera_is_required():
-    frame, masks = two_views()
-
-    with pytest.raises(InvalidValueError, match="1 masks for 2 cameras"):
-        dut(frame, masks[:1])

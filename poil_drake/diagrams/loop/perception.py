@@ -8,7 +8,7 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import Station
 from poil_drake.errors import ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.detectors import make_detector
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.detection.part_detector import PartDetector

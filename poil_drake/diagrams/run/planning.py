@@ -13,7 +13,7 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
-from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.detectors import make_detector
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.robots.panda_kinematics import PandaModel

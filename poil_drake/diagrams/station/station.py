@@ -14,7 +14,7 @@ from poil_drake.diagrams.station.simulated_station import SimulatedStation
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import PrefinalizeCallback
 from poil_drake.errors import StationError
-from poil_drake.perception.detectors.registry import LABEL_IMAGE
+from poil_drake.perception.detectors import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.runtime.stopwatch import Stopwatch
 

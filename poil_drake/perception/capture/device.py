@@ -1,15 +1,24 @@
-"""The protocol of RGB-D cameras, independent of where their images come from."""
+"""The protocol of RGB-D cameras, and the device for each configuration."""
 
 from collections.abc import Callable
+from importlib import import_module
 from typing import Protocol
 
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.capture.config import OpenCvStreams, RealSense, Zed
+from poil_drake.perception.images import CameraModel, RgbdImage
 
 Clock = Callable[[], float]
 """Returns the current time [s since the epoch], possibly of a scaled clock."""
 
 PATIENCE = 0.1
 """How long `CaptureDevice.read` may wait for an image [s]."""
+
+# Modules and classes, by name so that only the device in use is imported.
+_DEVICES: dict[type, tuple[str, str]] = {
+    RealSense: ("poil_drake.perception.capture.real_sense", "RealSenseDevice"),
+    Zed: ("poil_drake.perception.capture.zed", "ZedDevice"),
+    OpenCvStreams: ("poil_drake.perception.capture.opencv_streams", "OpenCvStreamsDevice"),
+}
 
 
 class CaptureDevice(Protocol):
@@ -40,3 +49,22 @@ class CaptureDevice(Protocol):
 
     def close(self) -> None:
         """Closes the camera. Never raises; a second call does nothing."""
+
+
+def make_device(
+    config: RealSense | Zed | OpenCvStreams, *, camera: CameraModel, clock: Clock
+) -> CaptureDevice:
+    """Returns the device that reads a camera, without opening it.
+
+    Args:
+        config: Where the images come from.
+        camera: The camera's model in the scenario.
+        clock: Returns the current time [s since the epoch].
+
+    Raises:
+        MissingDependencyError: if the device's library is not installed.
+        InvalidValueError: if the configuration is incomplete.
+    """
+    module, name = _DEVICES[type(config)]
+    device: CaptureDevice = getattr(import_module(module), name)(config, camera=camera, clock=clock)
+    return device

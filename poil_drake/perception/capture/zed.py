@@ -8,15 +8,12 @@ import cv2
 import numpy as np
 
 from poil_drake.errors import CaptureError, InvalidValueError, MissingDependencyError
-from poil_drake.perception.capture.checked_image import checked_image
+from poil_drake.perception.capture.checks import check_intrinsics, checked_image
 from poil_drake.perception.capture.config import Zed
 from poil_drake.perception.capture.device import Clock
-from poil_drake.perception.capture.host_stamps import HostStamps
-from poil_drake.perception.capture.intrinsics_check import check_intrinsics
+from poil_drake.perception.capture.stamps import HostStamps
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.interpreter_turns import TURNS
-
-_SECONDS_PER_NANOSECOND = 1e-9
 
 _SUCCESS = 0
 """Value of `sl.ERROR_CODE.SUCCESS`. Errors have greater values, warnings smaller ones."""
@@ -50,7 +47,15 @@ class ZedDevice:
             MissingDependencyError: if the SDK's Python API is not installed.
             InvalidValueError: if the SDK does not know the resolution or the depth mode.
         """
-        self._sl = _load()
+        try:
+            import pyzed.sl
+        except ImportError as error:
+            raise MissingDependencyError(
+                "pyzed, which reads ZED cameras, is not installed.",
+                remedy="Install the ZED SDK from stereolabs.com, and run its get_python_api.py "
+                "with this Python.",
+            ) from error
+        self._sl: Any = pyzed.sl
         self._config, self._model, self._clock = config, camera, clock
         self._source = f"Camera '{camera.name}' (ZED {config.serial or 'without a serial number'})"
         self._resolution = _named(self._sl.RESOLUTION, config.resolution, "resolution")
@@ -105,18 +110,21 @@ class ZedDevice:
     def read(self) -> RgbdImage | None:
         """Returns a new image; see `CaptureDevice.read`."""
         sl, camera = self._sl, self._camera
-        if camera is None or self._output is None:
-            raise CaptureError(f"{self._source} is not open.", remedy="Call `open` first.")
         status = camera.grab(self._runtime)
         TURNS.wait()
         stamp = None
         if status.name not in _PASSING:
             self._check(status)
             taken = camera.get_timestamp(sl.TIME_REFERENCE.IMAGE).get_nanoseconds()
-            stamp = self._stamps.convert(taken * _SECONDS_PER_NANOSECOND)
+            stamp = self._stamps.convert(taken * 1e-9)
         now = self._clock()
         if stamp is None:
-            self._check_silence(status, now)
+            if now - self._last_time > self._config.silence:
+                raise CaptureError(
+                    f"{self._source} has sent no new image for {self._config.silence:g} s "
+                    f"({status.name}).",
+                    remedy="Check that it is plugged in, and run ZED_Diagnostic.",
+                )
             return None
         self._last_time = now
         if now < self._settled:
@@ -151,14 +159,6 @@ class ZedDevice:
         if status.value < _SUCCESS and status.name not in self._warned:
             self._warned.add(status.name)
             logging.getLogger(__name__).warning("%s: %s (%s)", self._source, status.name, status)
-
-    def _check_silence(self, status: Any, now: float) -> None:
-        if now - self._last_time > self._config.silence:
-            raise CaptureError(
-                f"{self._source} has sent no new image for {self._config.silence:g} s "
-                f"({status.name}).",
-                remedy="Check that it is plugged in, and run ZED_Diagnostic.",
-            )
 
     def _connected(self) -> str:
         devices = self._sl.Camera.get_device_list()
@@ -196,21 +196,11 @@ class ZedDevice:
                 remedy="In the scenario, set a size that has the same aspect ratio and is not "
                 "larger, with the calibration for it, or choose another resolution.",
             )
-        lens = configuration.calibration_parameters.left_cam
-        K = _scaled(lens, width / native.width)
+        lens, scale = configuration.calibration_parameters.left_cam, width / native.width
+        cx, cy = (scale * (centre + 0.5) - 0.5 for centre in (lens.cx, lens.cy))
+        K = np.array([[scale * lens.fx, 0.0, cx], [0.0, scale * lens.fy, cy], [0.0, 0.0, 1.0]])
         check_intrinsics(K, self._model, source=f"{self._source}, scaled to {width} x {height},")
         return self._sl.Resolution(width, height)
-
-
-def _scaled(lens: Any, scale: float) -> np.ndarray:
-    """Returns the intrinsic matrix (3, 3) of a lens (`sl.CameraParameters`) for a scaled image."""
-    return np.array(
-        [
-            [scale * lens.fx, 0.0, scale * (lens.cx + 0.5) - 0.5],
-            [0.0, scale * lens.fy, scale * (lens.cy + 0.5) - 0.5],
-            [0.0, 0.0, 1.0],
-        ]
-    )
 
 
 def _named(kinds: Any, name: str, field: str) -> Any:
@@ -222,15 +212,3 @@ def _named(kinds: Any, name: str, field: str) -> Any:
             remedy=f"Choose from: {', '.join(names)}.",
         )
     return kinds[name]
-
-
-def _load() -> Any:
-    try:
-        import pyzed.sl
-    except ImportError as error:
-        raise MissingDependencyError(
-            "pyzed, which reads ZED cameras, is not installed.",
-            remedy="Install the ZED SDK from stereolabs.com, and run its get_python_api.py with "
-            "this Python.",
-        ) from error
-    return pyzed.sl

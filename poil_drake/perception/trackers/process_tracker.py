@@ -6,6 +6,7 @@ would slow down the first thread. In another process it uses a second core.
 
 import weakref
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ import numpy as np
 from poil_drake.errors import TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker, TrackerOutput
-from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
+from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess, serve
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +79,7 @@ class ProcessTracker:
 
     def abort(self) -> None:
         """Kills the worker; its current result is lost. Any thread may call this."""
-        worker = self._worker
-        if worker is not None:
+        if (worker := self._worker) is not None:
             worker.kill()
 
     def close(self) -> None:
@@ -91,7 +92,7 @@ class ProcessTracker:
         self.close()
         self._workers += 1
         self._dropped: list[int] = []
-        self._worker = WorkerProcess(f"{__package__}.tracker_worker", self._tracker)
+        self._worker = WorkerProcess(f"{__package__}.process_tracker", self._tracker)
 
     def _call(self, method: str, key: int | None, *arguments: Any) -> TrackerOutput:
         if self._worker is None:
@@ -108,8 +109,38 @@ class ProcessTracker:
         return TrackerOutput(state, points, lost)
 
 
+class _Service:
+    """Calls a tracker in the worker, and keeps the tracker's states by their keys."""
+
+    def __init__(self, tracker: Tracker):
+        self._tracker = tracker
+        self._states: dict[int, Any] = {}
+        self._keys = count()
+
+    def __call__(
+        self, request: tuple[str, int | None, tuple, list[int]]
+    ) -> tuple[int, TrackedPoints, bool]:
+        """Answers a request (method, state's key or None, other arguments, keys to forget).
+
+        Returns:
+            The key of the new state, the points, and whether the object is lost.
+        """
+        method, key, arguments, dropped = request
+        for old in dropped:
+            self._states.pop(old, None)
+        before = () if key is None else (self._states[key],)
+        output = getattr(self._tracker, method)(*before, *arguments)
+        new = next(self._keys)
+        self._states[new] = output.state
+        return new, output.points, output.lost
+
+
 def _lost(reason: str) -> TrackingError:
     return TrackingError(
         f"The tracker's process {reason}.",
         remedy="Start tracking again. Check the output of the process, and whether memory ran out.",
     )
+
+
+if __name__ == "__main__":
+    serve(_Service)

@@ -5,9 +5,9 @@ import time
 import numpy as np
 
 from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError, NoImageError
+from poil_drake.perception.capture.checks import check_intrinsics
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.capture.device import PATIENCE, Clock
-from poil_drake.perception.capture.intrinsics_check import check_intrinsics
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
 from poil_drake.recording.demonstration.frame_grouping import median_period

@@ -11,7 +11,7 @@ from drake import lcmt_image, lcmt_image_array
 from PIL import Image
 
 from poil_drake.errors import NoImageError
-from poil_drake.perception.capture.checked_image import depth_in_metres
+from poil_drake.perception.capture.checks import depth_in_metres
 from poil_drake.perception.images import RgbdImage
 
 _COLOUR = {

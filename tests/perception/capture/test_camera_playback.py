@@ -80,8 +80,7 @@ def test_it_plays_in_real_time(
     assert play(log, steps=steps, step=step, **config) == expected
 
 
-def test_the_end_of_the_file_is_reported(log: str) -> None:
-    clock = SettableClock(1000.0)
+def test_the_end_of_the_file_is_reported(log: str, clock: SettableClock) -> None:
     dut = CameraPlayback(McapPlayback(file=log, labels=False), camera=CAMERA, clock=clock)
     dut.open()
     clock.now = 1010.0
@@ -91,8 +90,7 @@ def test_the_end_of_the_file_is_reported(log: str) -> None:
         dut.read()
 
 
-def test_recorded_labels_are_delivered(tmp_path: Path) -> None:
-    clock = SettableClock(1000.0)
+def test_recorded_labels_are_delivered(tmp_path: Path, clock: SettableClock) -> None:
     log = write_log(tmp_path, labelled=(0,))
     dut = CameraPlayback(McapPlayback(file=log, labels=True), camera=CAMERA, clock=clock)
     dut.open()

@@ -7,7 +7,7 @@ from capture_bench import SettableClock
 
 from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import OpenCvStreams
-from poil_drake.perception.capture.opencv.streams import OpenCvStreamsDevice
+from poil_drake.perception.capture.opencv_streams import OpenCvStreamsDevice
 from poil_drake.perception.images import CameraModel
 
 SIZE = (24, 32)
@@ -23,11 +23,6 @@ def folder(tmp_path: Path) -> Path:
         cv2.imwrite(str(tmp_path / f"rgb_{k:04d}.png"), COLORS[k][..., ::-1])
         cv2.imwrite(str(tmp_path / f"depth_{k:04d}.png"), STEPS[k])
     return tmp_path
-
-
-@pytest.fixture
-def clock() -> SettableClock:
-    return SettableClock(1000.0)
 
 
 def opened(
@@ -106,11 +101,3 @@ def test_a_file_and_a_live_source_are_not_a_pair() -> None:
 
     with pytest.raises(InvalidValueError, match=r"'left'.*rgb '0', depth 'depth_%04d\.png'"):
         OpenCvStreamsDevice(config, camera=CAMERA, clock=SettableClock())
-
-
-def test_it_may_be_closed_twice(dut: OpenCvStreamsDevice) -> None:
-    dut.close()
-    dut.close()
-
-    with pytest.raises(CaptureError, match="not open"):
-        dut.read()

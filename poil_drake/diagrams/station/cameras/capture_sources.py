@@ -11,8 +11,7 @@ from poil_drake.diagrams.scenario.hardware_config import (
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
-from poil_drake.perception.capture.device import CaptureDevice
-from poil_drake.perception.capture.registry import make_device
+from poil_drake.perception.capture.device import CaptureDevice, make_device
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.camera_playback import CameraPlayback
 from poil_drake.systems.cameras.lcm_image_device import LcmImageDevice

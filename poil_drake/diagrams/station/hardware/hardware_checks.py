@@ -8,7 +8,7 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.capture_sources import SendsLabels
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback
-from poil_drake.perception.detectors.registry import LABEL_IMAGE
+from poil_drake.perception.detectors import LABEL_IMAGE
 
 
 def CheckHardwareRun(scenario: Scenario) -> None:

@@ -25,15 +25,13 @@ from poil_drake.perception.trackers.rigid_flow.texture_patches import (
     facing_patches,
     take_patches,
 )
-from poil_drake.perception.trackers.rigid_flow.view_surface import (
-    ViewSurface,
-    view_normals,
-    view_surface,
-)
 from poil_drake.perception.trackers.rigid_flow.view_window import (
     PosedView,
+    ViewSurface,
     ViewWindow,
     square_kernel,
+    view_normals,
+    view_surface,
 )
 
 _ROTATION = float(np.radians(10.0))  # turn after which a view needs a new keyframe [rad]

@@ -28,12 +28,13 @@ from poil_drake.perception.trackers.rigid_flow.texture_patches import (
     TexturePatches,
     take_patches,
 )
-from poil_drake.perception.trackers.rigid_flow.view_surface import ViewSurface, view_surface
 from poil_drake.perception.trackers.rigid_flow.view_window import (
     PosedView,
+    ViewSurface,
     ViewWindow,
     make_window,
     unproject_to_world,
+    view_surface,
 )
 
 _EROSION = 1  # border removed from the object's masks [px], which are about that much too large

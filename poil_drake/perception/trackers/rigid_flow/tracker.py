@@ -28,6 +28,7 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import (
 )
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_location import (
     Location,
+    RigidFlowState,
     locate,
     predict,
     spread,
@@ -39,7 +40,6 @@ from poil_drake.perception.trackers.rigid_flow.model_growth import (
     needs_keyframe,
 )
 from poil_drake.perception.trackers.rigid_flow.object_model import build_model
-from poil_drake.perception.trackers.rigid_flow.state import RigidFlowState
 from poil_drake.perception.trackers.rigid_flow.track_quality import LOST_AGREEMENT, part_confidence
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
 

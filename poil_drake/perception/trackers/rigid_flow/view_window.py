@@ -1,12 +1,14 @@
-"""The part of a camera's images that surrounds the object."""
+"""The part of a camera's images that surrounds the object, and the surface that it shows."""
 
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from poil_drake.geometry.depth_image import depth_edges, project
+from poil_drake.geometry.depth_image import depth_edges, depth_normals, project
 from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.geometry.pca_normals import pca_normals
+from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
 from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.images import CameraModel, RgbdImage
 
@@ -17,6 +19,11 @@ depths of two surfaces mix. 0.015 is 1 cm at 0.65 m."""
 _MARGIN = 24  # around the predicted object [px]: room for its motion and for contour searches
 _MIN_SIDE = 24  # contours cannot be searched for in a smaller window [px]
 _BLUR = 1.0  # standard deviation of the blur before image gradients are taken [px]
+
+_SPACING = 0.003  # of the surface points [m]; two pixels at 0.65 m
+_NEIGHBOURS, _DEVIATIONS = 12, 2.5  # of the outlier test that removes flying pixels
+_NORMAL_STEP = 1  # [px]; wider differences leave no normals on a handle
+_NORMAL_SMOOTHING = 2  # half width of the box over which normals are averaged [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +120,36 @@ class PosedView:
         return np.stack([gx, gy, gz], axis=-1) @ self.R_CO
 
 
+@dataclass(frozen=True, eq=False)
+class ViewSurface:
+    """Surface points of one view, in the camera's frame.
+
+    Attributes:
+        points: (M, 3) points, one for each occupied voxel [m].
+        normals: (M, 3) unit normals.
+        colors: (M, 3) uint8 RGB.
+        usable: (h, w) bool, the pixels from which the points were made.
+        normal_image: (h, w, 3) normals, finite where usable.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    colors: np.ndarray
+    usable: np.ndarray
+    normal_image: np.ndarray
+
+
 def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> ViewWindow | None:
     """Returns the window around points (P, 3) [m, world], or None if few pixels are in view."""
-    box = _bounding_box(camera, points_W)
-    if box is None:
+    uv, z = project(points_W, camera.K, camera.X_WC)
+    uv = uv[z > 0.05]
+    if len(uv) == 0:
         return None
-    u0, v0, u1, v1 = box
+    low, high = np.floor(uv.min(axis=0)) - _MARGIN, np.ceil(uv.max(axis=0)) + _MARGIN + 1
+    u0, v0 = max(int(low[0]), 0), max(int(low[1]), 0)
+    u1, v1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
+    if u1 - u0 < _MIN_SIDE or v1 - v0 < _MIN_SIDE:
+        return None
     depth = image.depth[v0:v1, u0:u1]
     edges = depth_edges(depth, EDGE_JUMP)
     rgb = np.ascontiguousarray(image.rgb[v0:v1, u0:u1])
@@ -139,6 +170,44 @@ def make_window(camera: CameraModel, image: RgbdImage, points_W: np.ndarray) -> 
     )
 
 
+def view_normals(window: ViewWindow, mask: np.ndarray) -> np.ndarray:
+    """Returns unit normals (h, w, 3) in the camera's frame within a mask (h, w) bool.
+
+    They are computed from the mask's pixels only, and are NaN outside it and along its border.
+    """
+    return depth_normals(
+        np.where(mask, window.surface, np.float32(0.0)),
+        window.K,
+        step=_NORMAL_STEP,
+        smoothing=_NORMAL_SMOOTHING,
+        relative_jump=EDGE_JUMP,
+    )
+
+
+def view_surface(window: ViewWindow, mask: np.ndarray) -> ViewSurface:
+    """Returns the surface that a window shows within a mask (h, w) bool."""
+    trusted = mask & (window.surface > 0.0)
+    normals = view_normals(window, trusted)
+    v, u = np.nonzero(trusted)
+    points = window.unproject(u, v, window.surface[v, u].astype(float))
+    missing = np.flatnonzero(~np.isfinite(normals[v, u, 0]))
+    if missing.size and len(points) >= 3:
+        # Along borders, and on parts a few pixels wide, central differences are not available.
+        normals[v[missing], u[missing]] = pca_normals(points, missing)
+    kept = np.isfinite(normals[v, u, 0])
+    kept &= statistical_inliers(points, neighbours=_NEIGHBOURS, deviations=_DEVIATIONS)
+    usable = np.zeros_like(trusted)
+    usable[v[kept], u[kept]] = True
+    cloud = voxel_downsample(
+        PointCloud(
+            points[kept], normals[v[kept], u[kept]].astype(float), window.rgb[v[kept], u[kept]]
+        ),
+        _SPACING,
+    )
+    assert cloud.normals is not None and cloud.colors is not None  # noqa: PT018
+    return ViewSurface(cloud.points, cloud.normals, cloud.colors, usable, normals)
+
+
 def unproject_to_world(
     camera: CameraModel, depth: np.ndarray, u: np.ndarray, v: np.ndarray
 ) -> np.ndarray:
@@ -151,17 +220,3 @@ def unproject_to_world(
 def square_kernel(radius: int) -> np.ndarray:
     """Returns a kernel for `cv2.dilate` and `cv2.erode` that reaches `radius` pixels."""
     return np.ones((2 * radius + 1, 2 * radius + 1), dtype=np.uint8)
-
-
-def _bounding_box(camera: CameraModel, points_W: np.ndarray) -> tuple[int, int, int, int] | None:
-    """Returns a box (u0, v0, u1, v1) of pixels around projected points, or None if it is small."""
-    uv, z = project(points_W, camera.K, camera.X_WC)
-    uv = uv[z > 0.05]
-    if len(uv) == 0:
-        return None
-    low, high = np.floor(uv.min(axis=0)) - _MARGIN, np.ceil(uv.max(axis=0)) + _MARGIN + 1
-    u0, v0 = max(int(low[0]), 0), max(int(low[1]), 0)
-    u1, v1 = min(int(high[0]), camera.width), min(int(high[1]), camera.height)
-    if u1 - u0 < _MIN_SIDE or v1 - v0 < _MIN_SIDE:
-        return None
-    return u0, v0, u1, v1

@@ -64,9 +64,8 @@ def test_pixels_at_depth_edges_are_not_surface(view):
     np.testing.assert_array_equal(dut.surface[~at_edges], dut.depth[~at_edges])
 
 
-def test_there_is_no_window_where_the_points_are_out_of_view(mug_scene):
-    frame = mug_scene.shoot(mug_scene.start).frame
+@pytest.mark.parametrize("away", [[0.0, 0.0, 5.0], [3.0, 0.0, 0.0]])
+def test_there_is_no_window_where_the_points_are_out_of_view(view, away):
+    _, frame = view
 
-    for away in ([0.0, 0.0, 5.0], [3.0, 0.0, 0.0]):
-        window = make_window(frame.cameras[0], frame.images[0], POINTS + away)
-        assert window is None
+    assert make_window(frame.cameras[0], frame.images[0], POINTS + away) is None

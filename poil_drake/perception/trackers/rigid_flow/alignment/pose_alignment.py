@@ -14,7 +14,6 @@ from poil_drake.perception.trackers.rigid_flow.alignment.contour_term import (
     match_contour,
 )
 from poil_drake.perception.trackers.rigid_flow.alignment.depth_term import add_depth_term
-from poil_drake.perception.trackers.rigid_flow.alignment.free_space_term import add_free_space_term
 from poil_drake.perception.trackers.rigid_flow.alignment.normal_equations import NormalEquations
 from poil_drake.perception.trackers.rigid_flow.alignment.texture_term import (
     PatchMatches,
@@ -23,7 +22,10 @@ from poil_drake.perception.trackers.rigid_flow.alignment.texture_term import (
     match_patches,
     select_shown,
 )
-from poil_drake.perception.trackers.rigid_flow.free_space import ObservedPoints
+from poil_drake.perception.trackers.rigid_flow.free_space import (
+    ObservedPoints,
+    add_free_space_term,
+)
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
 from poil_drake.perception.trackers.rigid_flow.texture_patches import TexturePatches
 from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow

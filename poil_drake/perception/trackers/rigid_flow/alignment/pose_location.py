@@ -1,9 +1,11 @@
-"""Predicts the object's pose in a new frame, and locates the object there."""
+"""Predicts the object's pose from the tracker's state, and locates the object in a new frame."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.alignment.pose_alignment import (
@@ -15,8 +17,8 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_search import Sear
 from poil_drake.perception.trackers.rigid_flow.appearance_model import observe
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.free_space import ObservedPoints
+from poil_drake.perception.trackers.rigid_flow.model_growth import Keyframe
 from poil_drake.perception.trackers.rigid_flow.object_model import ObjectModel
-from poil_drake.perception.trackers.rigid_flow.state import RigidFlowState
 from poil_drake.perception.trackers.rigid_flow.track_quality import (
     CERTAIN_AGREEMENT,
     MAX_CONFLICT,
@@ -38,6 +40,36 @@ _GROWTH = (float(np.radians(20.0)), 0.03)  # their growth while the object is lo
 _FAR = (float(np.radians(60.0)), 0.1)  # their limits [rad, m]
 _FOUND = (float(np.radians(10.0)), 0.01)  # standard deviations of a pose found by search [rad, m]
 _SEED_PERIOD = 1e-3  # frames this far apart draw different poses [s]
+
+
+@dataclass(frozen=True, eq=False)
+class RigidFlowState(SharedOnCopy):
+    """The tracker's knowledge after one frame, from which the next step starts.
+
+    Attributes:
+        model: The model of the object.
+        keyframes: The views from which the model was learnt.
+        pose: The object's pose; while it is lost, its predicted pose.
+        velocity: (6,) velocity (ω [rad/s], v [m/s]) of the object in its own frame.
+        stamp: Time of capture of the last frame [s].
+        innovation: Difference (angle [rad], distance [m]) between the last pose and the pose that
+            the motion prior predicted or, without a motion prior, the extrapolation.
+        lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
+            tracked.
+        candidate: (4, 4) the most likely pose of a lost object; None if no pose is likely.
+        unconfirmed: Whether a lost object was found in the last frame, but far from where it was
+            expected, so that the next frame has to confirm it.
+    """
+
+    model: ObjectModel
+    keyframes: tuple[Keyframe, ...]
+    pose: PoseEstimate
+    velocity: np.ndarray
+    stamp: float
+    innovation: tuple[float, float] = (0.0, 0.0)
+    lost_since: float | None = None
+    candidate: np.ndarray | None = None
+    unconfirmed: bool = False
 
 
 class Location(NamedTuple):

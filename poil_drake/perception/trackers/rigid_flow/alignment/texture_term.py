@@ -168,8 +168,12 @@ def select_shown(patches: TexturePatches, view: PosedView) -> TexturePatches:
     height, width = view.window.depth.shape
     inside = ((u >= 1) & (v >= 1) & (u < width - 2) & (v < height - 2)).all(axis=1)
     inside &= (points_C[..., 2] > 0.05).all(axis=1)
-    inside[inside] = _unoccluded(view, u[inside], v[inside], points_C[inside][..., 2])
-    return patches.select(shown[inside])
+    shown, u, v, z = shown[inside], u[inside], v[inside], points_C[inside][..., 2]
+    measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
+    valid = measured > 0.0
+    wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
+    unoccluded = (wrong.mean(axis=1) < 0.2) & (valid.mean(axis=1) > 0.5)
+    return patches.select(shown[unoccluded])
 
 
 def _add_patches(
@@ -193,11 +197,3 @@ def _add_patches(
     flat = jacobian.reshape(-1, 6)
     equations.H += flat.T @ (tensor @ jacobian).reshape(-1, 6)
     equations.b += pull.reshape(-1) @ flat
-
-
-def _unoccluded(view: PosedView, u: np.ndarray, v: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """Returns for which patches (P,) bool most samples u, v, z (P, k) fit the measured depth."""
-    measured = view.window.depth[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
-    valid = measured > 0.0
-    wrong = valid & (np.abs(measured - z) > _MAX_DEPTH_ERROR)
-    return (wrong.mean(axis=1) < 0.2) & (valid.mean(axis=1) > 0.5)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import CaptureError
-from poil_drake.perception.capture.real_sense.rectification import Rectification
+from poil_drake.perception.capture.rectification import Rectification
 
 HEIGHT, WIDTH = 90, 160
 # Stronger than a D455's, to move points by many pixels.

@@ -1,20 +1,55 @@
-"""Detects parts by the render labels of a simulator, as a baseline for other detectors."""
+"""Part detectors: their protocol, and the detectors by name."""
 
 import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
-from poil_drake.errors import DetectionError
-from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import MultiViewFrame
+
+LABEL_IMAGE = "label_image"
+"""Name of the detector that reads label images."""
 
 _MIN_PART_PIXELS = 60
 """Least number of a part's pixels in all views together. With fewer, too little would remain of the
 part after its masks are eroded."""
 
 
+@dataclass(frozen=True, eq=False)
+class PartMasks(SharedOnCopy):
+    """Masks of an object and of its functional part.
+
+    Attributes:
+        object_masks: V masks (H, W) bool, one per view; all False if the view shows no object.
+        part_masks: V masks (H, W) bool of the part, each a subset of the view's object mask.
+    """
+
+    object_masks: tuple[np.ndarray, ...]
+    part_masks: tuple[np.ndarray, ...]
+
+
+class Detector(Protocol):
+    """Finds an object and its functional part in the views of one instant."""
+
+    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        """Returns the masks of the object and of its part in each view.
+
+        Args:
+            frame: The views.
+            object_label: Name of the object, e.g. "mug".
+            part_label: Name of the part of the object, e.g. "handle".
+
+        Raises:
+            DetectionError: if a name is unknown, or if the views show too little of the part.
+        """
+
+
 class LabelImageDetector:
-    """Reads masks from label images; a `Detector`.
+    """Reads masks from label images, as a baseline for other detectors; a `Detector`.
 
     All images of a frame must have a `label`, and the frame must have `label_ids`.
     """
@@ -48,6 +83,23 @@ class LabelImageDetector:
             object_masks=tuple(np.isin(label, object_ids) for label in labels),
             part_masks=part_masks,
         )
+
+
+DETECTORS: dict[str, Callable[[], Detector]] = {LABEL_IMAGE: LabelImageDetector}
+"""Constructors of the detectors, by name."""
+
+
+def make_detector(name: str) -> Detector:
+    """Returns a new detector of this name.
+
+    Raises:
+        InvalidValueError: if no detector has this name. The error lists the valid names.
+    """
+    if name not in DETECTORS:
+        raise InvalidValueError(
+            f"There is no part detector '{name}'.", remedy=f"Choose from: {', '.join(DETECTORS)}."
+        )
+    return DETECTORS[name]()
 
 
 def _ids(frame: MultiViewFrame, label: str) -> tuple[int, ...]:

@@ -1,16 +1,84 @@
-"""Determines when a RealSense captured a pair of frames, and whether the pair is new."""
+"""Determines when images were captured, from the stamps of a camera's library."""
 
 import math
+import time
 from typing import Any
 
+from poil_drake.errors import CaptureError
 from poil_drake.perception.capture.device import Clock
-from poil_drake.perception.capture.host_stamps import HostStamps
 
-_SECONDS_PER_MILLISECOND = 1e-3
+_host_clock: Clock = time.time
+"""This computer's clock, by which the libraries stamp images."""
+
+_LARGEST_OFFSET = 1.0
+"""Largest difference between a stamp and now [s]. If it is larger, the image is too old, or its
+stamp is from another clock."""
+
+_MAX_OLD = 30
+"""This many old stamps in a row mean a wrong clock. After a stall, a library delivers at most the
+16 images of its queue."""
 
 _LARGEST_GAP = 0.6
 """Longest time between the two frames of a pair [periods]. The nearest frames of unsynchronized
 sensors are up to half a period apart; 0.1 is for jitter of the stamps."""
+
+
+class HostStamps:
+    """Converts the stamps of one camera, made by this computer's clock, to those of `clock`.
+
+    If `clock` is the computer's clock, stamps are unchanged. If `clock` is another clock, e.g. a
+    scaled one, an image has the same age by `clock` as by the computer's clock.
+    """
+
+    def __init__(self, clock: Clock, *, source: str):
+        """Constructs a converter.
+
+        Args:
+            clock: The clock of the converted stamps.
+            source: The camera's name in errors.
+        """
+        self._clock, self._source = clock, source
+        self.restart()
+
+    def restart(self) -> None:
+        """Forgets the last stamp. Call this after a pause in which a clock may have been reset."""
+        self._last, self._old = -math.inf, 0
+
+    def convert(self, stamp: float) -> float | None:
+        """Returns a stamp converted to `clock` [s], or None if the image is useless.
+
+        An image is useless if its stamp is not later than the last one: a frozen camera may repeat
+        an image. An image is also useless if it is more than a second old, e.g. because this
+        program was suspended.
+
+        Args:
+            stamp: The stamp of an image [s, by this computer's clock].
+
+        Raises:
+            CaptureError: if the stamp is not finite or more than a second in the future, or if it
+                is the 30th stamp in a row that is too old.
+        """
+        age = _host_clock() - stamp
+        if not (math.isfinite(stamp) and age >= -_LARGEST_OFFSET):
+            raise self._off(stamp, age)
+        # Conversions of the same stamp differ by microseconds, so compare before conversion.
+        if stamp <= self._last:
+            return None
+        if age > _LARGEST_OFFSET:
+            self._old += 1
+            if self._old >= _MAX_OLD:
+                raise self._off(stamp, age)
+            return None
+        self._last, self._old = stamp, 0
+        return stamp if self._clock is _host_clock else self._clock() - max(age, 0.0)
+
+    def _off(self, stamp: float, age: float) -> CaptureError:
+        return CaptureError(
+            f"{self._source} stamped an image with {stamp:.3f} s, which is {abs(age):.3f} s "
+            f"{'before' if age > 0.0 else 'after'} this computer's time.",
+            remedy="Make sure that no program sets the computer's clock while cameras run, then "
+            "unplug the camera and plug it in again.",
+        )
 
 
 class FramePairStamps:
@@ -26,9 +94,7 @@ class FramePairStamps:
     last two domains, the latency is subtracted. A frame that is fetched late keeps its time.
     """
 
-    def __init__(
-        self, rs: Any, clock: Clock, *, source: str, fps: float, latency: float, host_clock: Clock
-    ):
+    def __init__(self, rs: Any, clock: Clock, *, source: str, fps: float, latency: float):
         """Constructs a stamper that has seen no frames.
 
         Args:
@@ -37,12 +103,10 @@ class FramePairStamps:
             source: The camera's name in errors.
             fps: Frames per second.
             latency: Time from a capture to the frame's arrival [s].
-            host_clock: This computer's clock, by which the library stamps frames.
         """
         self._domains = rs.timestamp_domain
         self._largest_gap, self._latency = _LARGEST_GAP / fps, latency
-        self._host_clock = host_clock
-        self._stamps = HostStamps(clock, source=source, host_clock=host_clock)
+        self._stamps = HostStamps(clock, source=source)
         self.restart()
 
     def restart(self) -> None:
@@ -74,7 +138,7 @@ class FramePairStamps:
         domain = color.get_frame_timestamp_domain()
         if depth.get_frame_timestamp_domain() != domain:
             return None
-        times = [frame.get_timestamp() * _SECONDS_PER_MILLISECOND for frame in (color, depth)]
+        times = [frame.get_timestamp() * 1e-3 for frame in (color, depth)]
         if abs(times[0] - times[1]) > self._largest_gap:
             return None
         time = min(times)
@@ -95,5 +159,5 @@ class FramePairStamps:
         if time < self._hardware_time:
             self._offset = math.inf
         self._hardware_time = time
-        self._offset = min(self._offset, self._host_clock() - time)
+        self._offset = min(self._offset, _host_clock() - time)
         return self._offset

@@ -41,13 +41,8 @@ class Rectification:
         Raises:
             CaptureError: if OpenCV's model does not reproduce the library's distortion.
         """
-        self.K = np.array(
-            [
-                [intrinsics.fx, 0.0, intrinsics.ppx],
-                [0.0, intrinsics.fy, intrinsics.ppy],
-                [0.0, 0.0, 1.0],
-            ]
-        )
+        fx, fy, cx, cy = intrinsics.fx, intrinsics.fy, intrinsics.ppx, intrinsics.ppy
+        self.K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
         self._maps: tuple[np.ndarray, np.ndarray] | None = None
         coefficients = np.array(intrinsics.coeffs, float)
         if intrinsics.model.name == "none" or not coefficients.any():

@@ -1,12 +1,15 @@
-"""Checks the images that a camera delivers, and converts their depth to metres."""
+"""Checks the images and the intrinsics of a camera, and converts depth to metres."""
 
 import numpy as np
 
-from poil_drake.errors import NoImageError
-from poil_drake.perception.images import RgbdImage
+from poil_drake.errors import CaptureError, NoImageError
+from poil_drake.perception.images import CameraModel, RgbdImage
 
 _TOO_FAR = 65535
 """The 16-bit depth that means "too far" in the images of Drake and of saturated cameras."""
+
+_INTRINSICS_TOLERANCE = 1.0
+"""Largest accepted difference in fx, fy, cx and cy [px]. At 1 m, 1 px is 1 to 2 mm."""
 
 
 def checked_image(
@@ -74,3 +77,32 @@ def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
         f"Depth has the unsupported type {raw.dtype}.",
         remedy="Use 32-bit floats in metres, or unsigned 16-bit integers.",
     )
+
+
+def check_intrinsics(K: np.ndarray, camera: CameraModel, *, source: str) -> None:
+    """Checks that a camera has the intrinsics of its model.
+
+    Args:
+        K: (3, 3) the camera's own intrinsic matrix, for images of the model's size [px]; pixel
+            centres are at integer coordinates.
+        camera: The camera's model in the scenario.
+        source: The camera's name in errors.
+
+    Raises:
+        CaptureError: if fx, fy, cx or cy differs by more than a pixel. The remedy is the YAML with
+            the camera's own values.
+    """
+    found, expected = (M[[0, 1, 0, 1], [0, 1, 2, 2]] for M in (K, camera.K))
+    if np.abs(found - expected).max() <= _INTRINSICS_TOLERANCE:
+        return
+    fx, fy, cx, cy = found
+    raise CaptureError(
+        f"{source} has fx, fy, cx, cy = {_text(found)} px, but the scenario has "
+        f"{_text(expected)} px.",
+        remedy=f"Set in the scenario: cameras: {{ {camera.name}: {{ focal: !FocalLength "
+        f"{{ x: {fx:.2f}, y: {fy:.2f} }}, center_x: {cx:.2f}, center_y: {cy:.2f} }} }}",
+    )
+
+
+def _text(values: np.ndarray) -> str:
+    return ", ".join(f"{value:.2f}" for value in values)

@@ -1,1 +1,0 @@
-"""Cameras that OpenCV opens: a colour and a depth source, live or from files."""

@@ -1,1 +1,0 @@
-"""Part detectors that share one protocol."""
