@@ -11,7 +11,7 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageChannel
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
-from poil_drake.systems.cameras.lcm_camera_feed import LcmCameraFeed
+from poil_drake.systems.cameras.lcm_cameras import LcmCameraFeed
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
 from poil_drake.systems.lcm.panda_messages import PandaChannels
 from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedHand

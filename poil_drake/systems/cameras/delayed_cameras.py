@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem, State
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.cameras.camera_outputs import DeclareCameraOutputs
+from poil_drake.systems.cameras.camera_ports import DeclareCameraOutputs
 from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 
