@@ -154,16 +154,6 @@ def test_a_release_of_an_unknown_capture_shows_nothing() -> None:
     assert [value(dut.due(queue, time)) for time in (0.125, 0.25)] == [None, 0]
 
 
-@pytest.mark.parametrize(
-    ("captured", "released", "said"),
-    [
-        ([0.3, 0.1], [], "captures are not in order of time: 0.1 s follows 0.3 s"),
-        ([0.1], [(0.05, 0.1)], "release at 0.05 s precedes its capture at 0.1 s"),
-        ([0.1, 0.2], [(0.4, 0.2), (0.3, 0.1)], "releases are not in order of time"),
-    ],
-)
-def test_impossible_recordings_are_rejected(
-    captured: list[float], released: list[tuple[float, float]], said: str
-) -> None:
-    with pytest.raises(InvalidValueError, match=said):
-        RecordedTiming(captured=captured, released=released)
+def test_a_release_before_its_capture_is_rejected() -> None:
+    with pytest.raises(InvalidValueError, match="precedes its capture"):
+        RecordedTiming(captured=[0.1], released=[(0.05, 0.1)])

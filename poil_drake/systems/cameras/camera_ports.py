@@ -81,13 +81,14 @@ class CameraPorts:
         Raises:
             StationError: if an image port is not connected.
         """
-        images = [self._image(context, camera.name) for camera in self._cameras]
-        if any(image is None for image in images):
+        found = [self._image(context, camera.name) for camera in self._cameras]
+        images = tuple(image for image in found if image is not None)
+        if len(images) < len(found):
             return None
-        labelled = all(image is not None and image.label is not None for image in images)
+        labelled = all(image.label is not None for image in images)
         return MultiViewFrame(
             cameras=self._cameras,
-            images=tuple(image for image in images if image is not None),
+            images=images,
             label_ids=self._label_ids if labelled else {},
         )
 
