@@ -131,17 +131,6 @@ def test_object_motion_is_the_hands_until_the_current_images(
     assert_held(bench, 100)
 
 
-def test_a_stamp_between_two_ticks_is_interpolated(bench: ArmBench) -> None:
-    bench.step_to(50)
-    stamp = 40.4 * PERIOD
-    bench.fix(tracked_points=seen(held_points(stamp), stamp))
-
-    bench.step(joints(bench.time))
-
-    # Linear interpolation errs by h^2 / 8 times the acceleration, here about 1 m/s^2.
-    np.testing.assert_allclose(bench.points(), held_points(50 * PERIOD), rtol=0.0, atol=1e-5)
-
-
 @pytest.mark.parametrize("holding", [0.0, 0.5, np.nan])
 def test_without_a_grasp_the_points_stay(bench: ArmBench, holding: float) -> None:
     bench.fix(holding=holding, tracked_points=seen(P_G, 0.0))

@@ -56,10 +56,7 @@ class Painter:
 
 
 def make_bench(
-    *,
-    delay: float,
-    painter: Painter | None = None,
-    plant: Moving | None = None,
+    *, delay: float, painter: Painter | None = None, plant: Moving | None = None
 ) -> SystemBench:
     """The cameras, connected to a moving plant."""
     dut = DelayedCameras(
