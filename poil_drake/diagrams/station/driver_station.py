@@ -126,8 +126,7 @@ def _add_feed(
         "camera_feed",
         LcmCameraFeed(
             renderer=renderer,
-            cameras=tuple(channels),
-            channels=tuple(channels.values()),
+            channels=channels,
             url=BusUrl(scenario, hardware.image_bus, IMAGE_BUS_URL),
             num_positions=plant.num_positions(),
             num_velocities=plant.num_velocities(),

@@ -1,7 +1,7 @@
 """Cameras over LCM: sends the images of simulated ones, and receives those of any."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -45,8 +45,7 @@ class LcmCameraFeed(LeafSystem):
         self,
         *,
         renderer: SceneRenderer,
-        cameras: Sequence[str],
-        channels: Sequence[str],
+        channels: Mapping[str, str],
         url: str,
         num_positions: int,
         num_velocities: int,
@@ -57,8 +56,7 @@ class LcmCameraFeed(LeafSystem):
 
         Args:
             renderer: Renders the images.
-            cameras: The cameras' names, in the order of the renderer's images.
-            channels: The LCM channel of each camera's images.
+            channels: Camera -> LCM channel of its images, in the order of the renderer's images.
             url: The URL of the LCM network.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
@@ -66,8 +64,7 @@ class LcmCameraFeed(LeafSystem):
             clock: Returns the current time [s since the epoch].
         """
         super().__init__()
-        self._renderer, self._clock = renderer, clock
-        self._channels = dict(zip(cameras, channels, strict=True))
+        self._renderer, self._channels, self._clock = renderer, channels, clock
         self._num_positions = num_positions
         self._lcm = LcmNetwork(url)
         self._background = Background("camera feed's thread")

@@ -1,6 +1,7 @@
 """The network side of the simulated drivers of the Franka arm and its hand."""
 
 import time
+from contextlib import suppress
 
 import numpy as np
 from pydrake.manipulation import PandaControlMode
@@ -107,10 +108,8 @@ class SimulatedDriver(LeafSystem):
         self.DeclarePeriodicPublishEvent(STATUS_PERIOD, 0.0, self._report)
 
     def _receive(self, message: bytes) -> None:
-        try:
+        with suppress(InvalidValueError):  # LCM itself drops messages of another type.
             self._last_command = decode_panda_command(message)
-        except InvalidValueError:
-            return  # LCM itself drops messages of another type.
 
     def _update(self, context: Context, state: State) -> None:
         discrete_state, now = state.get_mutable_discrete_state(), context.get_time()

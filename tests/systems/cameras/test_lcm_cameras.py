@@ -45,8 +45,7 @@ class FeedBench(SystemBench):
         self.renderer = Renderer()
         dut = LcmCameraFeed(
             renderer=self.renderer,
-            cameras=["left"],
-            channels=["LEFT"],
+            channels={"left": "LEFT"},
             url=url,
             num_positions=2,
             num_velocities=1,
