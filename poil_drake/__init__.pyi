@@ -23,10 +23,10 @@ from .recording.demonstration.demonstration import LoadDemonstration as LoadDemo
 from .systems.control.point_set_bcsdm import PointSetBcsdm as PointSetBcsdm
 from .systems.control.safe_entry import SafeEntry as SafeEntry
 from .systems.detection.part_detector import PartDetector as PartDetector
+from .systems.fk_propagator import FkPropagator as FkPropagator
 from .systems.ik.differential_ik import (
     DifferentialInverseKinematics as DifferentialInverseKinematics,
 )
-from .systems.propagation.fk_propagator import FkPropagator as FkPropagator
 from .systems.safety.supervisor import SafetySupervisor as SafetySupervisor
 from .systems.tracking.point_tracker import PointTracker as PointTracker
 from .systems.visualization.point_set_visualizer import PointSetVisualizer as PointSetVisualizer

@@ -1,4 +1,4 @@
-"""Timed joint-space motions, and velocity commands that follow them."""
+"""Timed joint-space motions."""
 
 from dataclasses import dataclass
 
@@ -57,18 +57,3 @@ class JointTrajectory(SharedOnCopy):
             blend @ self.positions[after - 1 : after + 1],
             blend @ self.velocities[after - 1 : after + 1],
         )
-
-
-def follow_joint_trajectory(
-    trajectory: JointTrajectory, time: float, positions: np.ndarray, gain: float
-) -> np.ndarray:
-    """Returns joint velocities (J,) [rad/s]: the trajectory's plus proportional feedback.
-
-    Args:
-        trajectory: The motion.
-        time: Time since the motion's start [s].
-        positions: (J,) measured joint positions [rad].
-        gain: Feedback gain [1/s].
-    """
-    wanted, velocity = trajectory.sample(time)
-    return velocity + gain * (wanted - positions)

@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from poil_drake.geometry.frozen_array import freeze_fields, frozen_array
 from poil_drake.robots.panda import ARM_LINKS
 from poil_drake.robots.panda_hand import GripperGeometry
 from poil_drake.robots.robot_description import panda_urdf
@@ -44,13 +43,6 @@ class RobotSpheres:
     links: np.ndarray
     centers: np.ndarray
     radii: np.ndarray
-
-    def __post_init__(self) -> None:
-        freeze_fields(self, centers=("S", 3), radii=("S",))
-        links = frozen_array(
-            self.links, name="RobotSpheres.links", shape=self.radii.shape, dtype=int
-        )
-        object.__setattr__(self, "links", links)
 
     def world_centers(self, link_poses: np.ndarray) -> np.ndarray:
         """Returns the centres (..., S, 3) in the world [m].

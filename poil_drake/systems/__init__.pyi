@@ -12,6 +12,7 @@ from .control.safe_entry import SafeEntry as SafeEntry
 from .detection.part_detector import PartDetector as PartDetector
 from .disturbance_injector import DisturbanceInjector as DisturbanceInjector
 from .disturbance_injector import Pulse as Pulse
+from .fk_propagator import FkPropagator as FkPropagator
 from .ik.differential_ik import DifferentialInverseKinematics as DifferentialInverseKinematics
 from .lcm.panda_receivers import FrankaStatusReceiver as FrankaStatusReceiver
 from .lcm.panda_receivers import HandStatusReceiver as HandStatusReceiver
@@ -21,7 +22,6 @@ from .logging.mcap_logger import McapLogger as McapLogger
 from .logging.snapshot_recorder import SnapshotRecorder as SnapshotRecorder
 from .panda.hand_driver import HandDriver as HandDriver
 from .panda.velocity_driver import PandaVelocityDriver as PandaVelocityDriver
-from .propagation.fk_propagator import FkPropagator as FkPropagator
 from .safety.faults import SafetyConfig as SafetyConfig
 from .safety.supervisor import SafetySupervisor as SafetySupervisor
 from .skill.phases import Phase as Phase

@@ -6,7 +6,6 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 from poil_drake.errors import InvalidValueError
@@ -180,15 +179,6 @@ class RecordedTiming(CaptureTiming):
     period: float = 1 / 256
 
     def __post_init__(self) -> None:
-        releases = [time for time, _ in self.released]
-        for name, times in (("captures", self.captured), ("releases", releases)):
-            for before, after in pairwise(times):
-                if before > after:
-                    raise InvalidValueError(
-                        f"The recorded {name} are not in order of time: {after} s follows {before} "
-                        "s.",
-                        remedy=f"Sort the {name} by time.",
-                    )
         for time, capture in self.released:
             if time < capture - _ROUNDING:
                 raise InvalidValueError(

@@ -15,7 +15,7 @@ from poil_drake.errors import InvalidValueError, ScenarioError
 
 @dataclass(frozen=True, kw_only=True)
 class Pulse:
-    """A smooth pulse of force and torque on a body.
+    """A pulse of force and torque on a body: half a period of a sine.
 
     Attributes:
         body: The body that the pulse acts on, "<model instance>::<body>".
@@ -40,16 +40,6 @@ class Pulse:
                 "positive.",
                 remedy="Set a positive duration.",
             )
-
-
-def half_sine(time: float, start: float, duration: float) -> float:
-    """Returns the strength of a pulse at `time` [s], as a fraction of its peak.
-
-    The pulse is half a period of a sine. It begins at `start` [s] and lasts for `duration` [s];
-    before and after the pulse, the strength is zero.
-    """
-    phase = (time - start) / duration
-    return float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0
 
 
 class DisturbanceInjector(LeafSystem):
@@ -98,7 +88,8 @@ class DisturbanceInjector(LeafSystem):
     def _calc(self, context: Context, output: AbstractValue) -> None:
         forces = []
         for pulse, body in self._pulses:
-            strength = half_sine(context.get_time(), pulse.start, pulse.duration)
+            phase = (context.get_time() - pulse.start) / pulse.duration
+            strength = float(np.sin(np.pi * phase)) if 0.0 < phase < 1.0 else 0.0
             applied = ExternallyAppliedSpatialForce()
             applied.body_index = body
             applied.p_BoBq_B = np.array(pulse.point)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.robots.joint_trajectory import JointTrajectory, follow_joint_trajectory
+from poil_drake.robots.joint_trajectory import JointTrajectory
 
 
 @pytest.fixture
@@ -20,11 +20,6 @@ def test_samples_are_linear_and_rest_outside(
     q, qd = dut.sample(time)
     assert q == pytest.approx([position])
     assert qd == pytest.approx([velocity])
-
-
-def test_following_adds_proportional_feedback(dut: JointTrajectory) -> None:
-    # Feedforward 1.5 rad/s, 0.25 rad short, gain 4 / s.
-    assert follow_joint_trajectory(dut, 0.5, np.array([0.75]), 4.0) == pytest.approx([2.5])
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, 0.0], [1.0, 2.0]])

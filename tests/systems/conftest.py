@@ -1,11 +1,8 @@
 """Toy arms built in code, whose kinematics can be written down by hand; shared benches."""
 
-from collections.abc import Iterator
-
 import numpy as np
 import pytest
 from panda_bench import RobotBench, make_arm_bench, make_hand_bench
-from point_tracker_bench import MakeBench, TrackerBench
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -20,14 +17,7 @@ from poil_drake.systems.ik.arm_kinematics import ArmKinematics
 X_AXIS, Y_AXIS, Z_AXIS = np.eye(3)
 
 
-def make_arm(
-    joints: list[tuple[type, np.ndarray, float]],
-    *,
-    tip: float,
-    position_limit: float = 2.0,
-    velocity_limit: float = 1.0,
-    acceleration_limit: float = 8.0,
-) -> ArmKinematics:
+def make_arm(joints: list[tuple[type, np.ndarray, float]], *, tip: float) -> ArmKinematics:
     """Returns a chain of (joint type, axis, length of the link before it along x)."""
     plant = MultibodyPlant(time_step=0.0)
     parent = plant.world_frame()
@@ -44,12 +34,12 @@ def make_arm(
                 base,
                 link.body_frame(),
                 axis,
-                pos_lower_limit=-position_limit,
-                pos_upper_limit=position_limit,
+                pos_lower_limit=-2.0,
+                pos_upper_limit=2.0,
             )
         )
-        joint.set_velocity_limits([-velocity_limit], [velocity_limit])
-        joint.set_acceleration_limits([-acceleration_limit], [acceleration_limit])
+        joint.set_velocity_limits([-1.0], [1.0])
+        joint.set_acceleration_limits([-8.0], [8.0])
         parent = link.body_frame()
     frame = plant.AddFrame(FixedOffsetFrame("tip", parent, RigidTransform([tip, 0.0, 0.0])))
     plant.Finalize()
@@ -82,17 +72,3 @@ def arm() -> RobotBench:
 @pytest.fixture
 def hand() -> RobotBench:
     return make_hand_bench()
-
-
-@pytest.fixture
-def make_bench() -> Iterator[MakeBench]:
-    """Makes benches of the point tracker; their workers end with the test."""
-    benches: list[TrackerBench] = []
-
-    def make(**arguments) -> TrackerBench:
-        benches.append(TrackerBench(**arguments))
-        return benches[-1]
-
-    yield make
-    for bench in benches:
-        bench.dut.close()

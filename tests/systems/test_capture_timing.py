@@ -129,23 +129,6 @@ def test_a_replay_captures_each_recorded_frame_once(replay: RecordedTiming) -> N
     assert captured == [(0.125, 0), (0.3, 1), (9.0, 2)]
 
 
-def test_a_replay_shows_the_last_recorded_release(replay: RecordedTiming) -> None:
-    queue = tuple(Captured(tick, time, done(tick)) for tick, time in enumerate(CAPTURED))
-
-    found = [replay.due(queue, time) for time in (0.2, 0.25, 0.69, 0.7, 9.0)]
-
-    assert [value(entry) for entry in found] == [None, 0, 0, 2, 2]
-
-
-def test_a_replay_keeps_captures_until_their_release(replay: RecordedTiming) -> None:
-    queue: Queue = ()
-    for time in CAPTURED:
-        queue = replay.added(queue, time, done())
-
-    # At 0.55 s the result of the first capture is shown; the last is released later.
-    assert [entry.tick for entry in queue] == [0, 1, 2]
-
-
 def test_a_release_of_an_unknown_capture_shows_nothing() -> None:
     # As in a recording that begins after a capture.
     dut = RecordedTiming(captured=CAPTURED, released=[(0.125, 0.05), (0.25, 0.125)])
@@ -154,16 +137,6 @@ def test_a_release_of_an_unknown_capture_shows_nothing() -> None:
     assert [value(dut.due(queue, time)) for time in (0.125, 0.25)] == [None, 0]
 
 
-@pytest.mark.parametrize(
-    ("captured", "released", "said"),
-    [
-        ([0.3, 0.1], [], "captures are not in order of time: 0.1 s follows 0.3 s"),
-        ([0.1], [(0.05, 0.1)], "release at 0.05 s precedes its capture at 0.1 s"),
-        ([0.1, 0.2], [(0.4, 0.2), (0.3, 0.1)], "releases are not in order of time"),
-    ],
-)
-def test_impossible_recordings_are_rejected(
-    captured: list[float], released: list[tuple[float, float]], said: str
-) -> None:
-    with pytest.raises(InvalidValueError, match=said):
-        RecordedTiming(captured=captured, released=released)
+def test_a_release_before_its_capture_is_rejected() -> None:
+    with pytest.raises(InvalidValueError, match="precedes its capture"):
+        RecordedTiming(captured=[0.1], released=[(0.05, 0.1)])

@@ -14,12 +14,12 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
+from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ik.arm_kinematics import MakePandaKinematics
 from poil_drake.systems.ik.differential_ik import (
     DifferentialInverseKinematics,
     DifferentialInverseKinematicsConfig,
 )
-from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.skill.phases import Phase
 
 _JOINTS = "robot.position_measured"

@@ -25,10 +25,10 @@ from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
 from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.disturbance_injector import Pulse
+from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.publishing_clock import PublishingClock
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
-from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.safety.supervisor import SafetySupervisor
 from poil_drake.systems.skill.sequencer import SkillSequencer
 from poil_drake.systems.skill.stop_requests import StopRequests, StopSwitch

@@ -16,13 +16,13 @@ from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm, PointSetBcsdmConfig
+from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ik.arm_kinematics import MakePandaKinematics
 from poil_drake.systems.ik.differential_ik import (
     DifferentialInverseKinematics,
     DifferentialInverseKinematicsConfig,
 )
 from poil_drake.systems.lcm.panda_messages import HAND_PERIOD
-from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.safety.faults import SafetyConfig
 from poil_drake.systems.safety.supervisor import SafetySupervisor
 from poil_drake.systems.skill.sequencer import SkillSequencer

@@ -20,7 +20,7 @@ from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.runtime.held_signals import HeldSignals
 from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeScheduling
 from poil_drake.systems.lcm.network import LcmNetwork
-from poil_drake.systems.lcm.simulated_driver import SimulatedDriverConfig
+from poil_drake.systems.lcm.simulated_driver import STATUS_PERIOD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,7 +72,6 @@ def RunDriver(
             written first.
     """
     poil, hardware = scenario.poil, scenario.poil.hardware
-    config = SimulatedDriverConfig(expire_sec=hardware.command_expiry)
     KeepMemory()
     url = BusUrl(scenario, hardware.robot_bus, ROBOT_BUS_URL)
     lcm = LcmNetwork(url, realtime_priority=hardware.realtime_priority)
@@ -80,7 +79,7 @@ def RunDriver(
         scenario,
         lcm,
         channels=hardware.channels,
-        config=config,
+        command_expiry=hardware.command_expiry,
         cameras=True,
         meshcat=MakeMeshcat() if show else None,
         clock=hardware.clock(),
@@ -92,7 +91,7 @@ def RunDriver(
     truth = SimulatedTruth.of(robot.station)
     loop = RealTimeLoop(
         simulator,
-        period=min(config.status_period, poil.rates.plant),
+        period=min(STATUS_PERIOD, poil.rates.plant),
         time_scale=hardware.time_scale,
     )
     try:

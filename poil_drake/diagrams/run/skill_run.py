@@ -45,8 +45,7 @@ from poil_drake.runtime.real_time import KeepMemory, QuietInterpreter, RealTimeS
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum
 from poil_drake.systems.skill.phases import Phase
-from poil_drake.systems.skill.stop_requests import StopSwitch
-from poil_drake.systems.skill.terminal_stop_key import terminal_stop_key
+from poil_drake.systems.skill.stop_requests import StopSwitch, terminal_stop_key
 
 _LONGEST_BRAKING = 1.0
 """Longest wait for the supervisor to bring the arm to rest [s]; it needs less."""

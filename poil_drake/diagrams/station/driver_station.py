@@ -11,11 +11,10 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageChannel
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
-from poil_drake.systems.cameras.lcm_camera_feed import LcmCameraFeed
+from poil_drake.systems.cameras.lcm_cameras import LcmCameraFeed
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
 from poil_drake.systems.lcm.panda_messages import PandaChannels
-from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedDriverConfig
-from poil_drake.systems.lcm.simulated_hand import SimulatedHand
+from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedHand
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,7 +46,7 @@ def MakeDriverStation(
     lcm: MessageNetwork,
     *,
     channels: PandaChannels | None = None,
-    config: SimulatedDriverConfig | None = None,
+    command_expiry: float = 0.1,
     cameras: bool = False,
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
@@ -58,7 +57,7 @@ def MakeDriverStation(
         scenario: The models and the cameras.
         lcm: The network. The diagram handles its subscriptions at every plant step.
         channels: Names of the LCM channels; None for those of the Franka driver.
-        config: The driver's behaviour; None for the defaults.
+        command_expiry: How old a command may be that the driver accepts [s].
         cameras: Whether to send the images of the cameras that the hardware station reads from
             LCM. If so, call `DriverStation.Close` after use.
         meshcat: Shows the simulated scene; None shows nothing.
@@ -80,7 +79,7 @@ def MakeDriverStation(
             command_channel=channels.command,
             status_channel=channels.status,
             period=scenario.poil.rates.plant,
-            config=config,
+            expiry=command_expiry,
             clock=clock,
         ),
     )
@@ -127,8 +126,7 @@ def _add_feed(
         "camera_feed",
         LcmCameraFeed(
             renderer=renderer,
-            cameras=tuple(channels),
-            channels=tuple(channels.values()),
+            channels=channels,
             url=BusUrl(scenario, hardware.image_bus, IMAGE_BUS_URL),
             num_positions=plant.num_positions(),
             num_velocities=plant.num_velocities(),

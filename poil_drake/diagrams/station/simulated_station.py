@@ -189,7 +189,6 @@ class SimulatedStation(Station):
             return None
         return GroundTruthTracker(
             body_index=self.object_body().index(),
-            num_points=len(plan.target_points),
             query_points=plan.target_points,
             config=GroundTruthTrackerConfig(period=poil.rates.tracker, latency=poil.latency),
         )

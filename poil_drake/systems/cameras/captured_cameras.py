@@ -11,7 +11,7 @@ from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.systems.cameras.camera_outputs import DeclareCameraOutputs
+from poil_drake.systems.cameras.camera_ports import DeclareCameraOutputs
 
 
 class NewestImage(Protocol):

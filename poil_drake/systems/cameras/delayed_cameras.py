@@ -7,10 +7,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem, State
 
-from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
-from poil_drake.systems.cameras.camera_outputs import DeclareCameraOutputs
+from poil_drake.systems.cameras.camera_ports import DeclareCameraOutputs
 from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 
@@ -95,18 +94,8 @@ class DelayedCameras(LeafSystem):
             delay: Time from a capture until its images appear [s].
             stopwatch: Records the time to render images ("rendering", parallel to the simulation)
                 and the time spent waiting for them ("waiting").
-
-        Raises:
-            InvalidValueError: if the delay is below a millionth of the period.
         """
         super().__init__()
-        timing = SimulatedDelay(period=period, latency=delay) if delay > 0.0 else None
-        if timing is None or timing.release_event is None:
-            raise InvalidValueError(
-                f"DelayedCameras.delay is {delay} s, but must be at least a millionth of the "
-                "period.",
-                remedy="Use RgbdSensor for cameras without a delay.",
-            )
         self._renderer, self._stopwatch = renderer, stopwatch or Stopwatch()
         self.cameras, self._num_positions = tuple(cameras), num_positions
         self._plant_state = self.DeclareVectorInputPort(
@@ -115,7 +104,7 @@ class DelayedCameras(LeafSystem):
         empty = (None,) * len(self.cameras)
         self._rendered = CaptureAndRelease(
             system=self,
-            timing=timing,
+            timing=SimulatedDelay(period=period, latency=delay),
             nothing=_Rendered(empty, lambda: empty),
             begin=self._begin,
             thread="cameras' thread",

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.run_log.series import Series
-from poil_drake.systems.cameras.camera_outputs import DeclareCameraOutputs
+from poil_drake.systems.cameras.camera_ports import DeclareCameraOutputs
 
 _ROUNDING = 1e-6
 

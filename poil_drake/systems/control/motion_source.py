@@ -10,7 +10,7 @@ from poil_drake.control.field.straight_motion import (
     straight_motion_duration,
     straight_motion_twist,
 )
-from poil_drake.robots.joint_trajectory import JointTrajectory, follow_joint_trajectory
+from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.skill.phases import TWIST_PHASES, Phase
 
@@ -149,14 +149,9 @@ class MotionSource(LeafSystem):
         phase = self._phase_now(context)
         velocity = np.zeros(output.size())
         if phase in self._trajectories:
-            velocity = _finite_or_zero(
-                follow_joint_trajectory(
-                    self._trajectories[phase],
-                    self._elapsed(context),
-                    self._joints.Eval(context),
-                    JOINT_GAIN,
-                )
-            )
+            wanted, feedforward = self._trajectories[phase].sample(self._elapsed(context))
+            feedback = JOINT_GAIN * (wanted - self._joints.Eval(context))
+            velocity = _finite_or_zero(feedforward + feedback)
         elif phase in TWIST_PHASES:
             velocity = self._ik.Eval(context)
         output.SetFromVector(velocity)

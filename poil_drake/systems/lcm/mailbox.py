@@ -1,4 +1,4 @@
-"""Keeps the newest message of an LCM channel."""
+"""The two ends of an LCM channel; each detects senders that do not belong there."""
 
 import math
 import time
@@ -14,6 +14,9 @@ _SET_BACK = 10
 
 _CHANGES, _WITHIN = 10, 1.0
 """This many changes of sender within this time [s] mean two senders; a restart makes one change."""
+
+_REMEMBERED = 1024
+"""Number of own messages that a channel recognizes on reception: those of four seconds."""
 
 
 class Stamped(Protocol):
@@ -100,3 +103,42 @@ class LcmMailbox(Generic[S]):
             if self._in_order < _SET_BACK:
                 return
         self.newest, self._in_order = decoded, 0
+
+
+class SharedChannel:
+    """Sends on a channel, and counts the messages of other senders.
+
+    Attributes:
+        foreign: Number of messages from other senders.
+    """
+
+    def __init__(self, lcm: MessageNetwork, channel: str, *, what: str):
+        """Subscribes to the channel; the owner of `lcm` calls `HandleSubscriptions`.
+
+        Args:
+            lcm: The network.
+            channel: The channel's name.
+            what: The receiver of the messages, for the error.
+        """
+        self.foreign = 0
+        self._lcm, self._channel, self._what = lcm, channel, what
+        # The newest first, as its echo is expected next.
+        self._own: deque[bytes] = deque(maxlen=_REMEMBERED)
+        lcm.Subscribe(channel, self._receive)
+
+    def Send(self, message: bytes) -> None:
+        """Sends a message."""
+        self._own.appendleft(message)
+        self._lcm.Publish(self._channel, message)
+
+    def CheckAlone(self) -> None:
+        """Raises a StationError if another sender has sent anything."""
+        if self.foreign:
+            raise StationError(
+                f"Another process commands {self._what} on the LCM channel {self._channel}.",
+                remedy="End that process first; it may be suspended in the background.",
+            )
+
+    def _receive(self, message: bytes) -> None:
+        if message not in self._own:
+            self.foreign += 1

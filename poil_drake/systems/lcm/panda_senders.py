@@ -12,7 +12,7 @@ from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.robots.velocity_limiter import JointMotion, VelocityLimiter
 from poil_drake.runtime.held_signals import HeldSignals
 from poil_drake.systems.control_period import CONTROL_PERIOD
-from poil_drake.systems.lcm.mailbox import LcmMailbox
+from poil_drake.systems.lcm.mailbox import LcmMailbox, SharedChannel
 from poil_drake.systems.lcm.network import Clock, MessageNetwork
 from poil_drake.systems.lcm.panda_messages import (
     HAND_PERIOD,
@@ -22,7 +22,6 @@ from poil_drake.systems.lcm.panda_messages import (
     encode_hand_command,
     encode_panda_command,
 )
-from poil_drake.systems.lcm.shared_channel import SharedChannel
 from poil_drake.systems.panda.velocity_driver import eval_velocity
 
 _REST = np.zeros(NUM_JOINTS)

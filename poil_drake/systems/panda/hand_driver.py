@@ -9,20 +9,6 @@ from poil_drake.robots.panda import MAX_HAND_WIDTH
 from poil_drake.systems.panda.velocity_driver import PandaDriver
 
 
-def step_width(*, width: float, wanted: float, speed: float, time_step: float) -> float:
-    """Returns the commanded width [m] after one time step.
-
-    Args:
-        width: The commanded width before the step [m].
-        wanted: The width to move to [m]; it is clipped to the hand's range.
-        speed: Largest rate of change [m/s].
-        time_step: Duration of the step [s].
-    """
-    wanted = min(max(wanted, 0.0), MAX_HAND_WIDTH)
-    change = speed * time_step
-    return min(max(wanted, width - change), width + change)
-
-
 class HandDriver(LeafSystem):
     """Converts a width command to the desired state of one finger, which the other finger mirrors.
 
@@ -36,10 +22,10 @@ class HandDriver(LeafSystem):
         - finger_position
         - finger_velocity
 
-    Port `width` (1,) [m] is the desired opening between the pads; if it is NaN or not connected,
-    the hand holds its opening. A width smaller than the object between the fingers grips the
-    object; the actuator's effort limit bounds the force. `width_measured` (1,) [m] is the measured
-    opening.
+    Port `width` (1,) [m] is the desired opening between the pads, and is clipped to the hand's
+    range; if it is NaN or not connected, the hand holds its opening. A width smaller than the
+    object between the fingers grips the object; the actuator's effort limit bounds the force.
+    `width_measured` (1,) [m] is the measured opening.
 
     `finger_position` (1,) [m] is half of the commanded width, and `finger_velocity` (1,) [m/s] is
     half of its rate. Until the first step with a finite `width_measured`, the position is half of
@@ -83,11 +69,10 @@ class HandDriver(LeafSystem):
         if math.isnan(width):
             return
         wanted = self._width.Eval(context)[0] if self._width.HasValue(context) else math.nan
-        new = width
+        new, change = width, self._speed * self._time_step
         if not math.isnan(wanted):
-            new = step_width(
-                width=width, wanted=wanted, speed=self._speed, time_step=self._time_step
-            )
+            wanted = min(max(wanted, 0.0), MAX_HAND_WIDTH)
+            new = min(max(wanted, width - change), width + change)
         state.set_value(self._state, [new, (new - width) / self._time_step])
 
     def _calc_position(self, context: Context, output: BasicVector) -> None:

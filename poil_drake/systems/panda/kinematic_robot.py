@@ -63,7 +63,10 @@ class KinematicRobot(LeafSystem):
         self.DeclareStateOutputPort("velocity_measured", self._own_velocity)
         self._declare_output("width_measured", self._own_width, self._real_width)
         self.DeclareVectorOutputPort(
-            "torque_external", NUM_JOINTS, self._calc_torque, {self.nothing_ticket()}
+            "torque_external",
+            NUM_JOINTS,
+            lambda context, output: output.SetZero(),
+            {self.nothing_ticket()},
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._step)
 
@@ -76,9 +79,6 @@ class KinematicRobot(LeafSystem):
 
         known = {self.discrete_state_ticket(own_index), real.ticket()}
         self.DeclareVectorOutputPort(name, real.size(), calc, known)
-
-    def _calc_torque(self, context: Context, output: BasicVector) -> None:
-        output.SetZero()
 
     def _step(self, context: Context, state: DiscreteValues) -> None:
         position = state.get_mutable_value(self._own_position)

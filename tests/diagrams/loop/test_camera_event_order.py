@@ -18,7 +18,7 @@ from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 from poil_drake.systems.capture_and_release import CaptureAndRelease
 from poil_drake.systems.detection.part_detector import PartDetector
-from poil_drake.systems.propagation.fk_propagator import FkPropagator
+from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 pytestmark = pytest.mark.render

@@ -19,10 +19,10 @@ from station_state import GetObjectPose, SetObjectPose
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
 from poil_drake.systems.capture_and_release import CaptureAndRelease
+from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.mcap_logger import McapLogger
 from poil_drake.systems.panda.velocity_driver import PandaVelocityDriver
-from poil_drake.systems.propagation.fk_propagator import FkPropagator
 from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.sequencer import SkillSequencer
 from poil_drake.systems.skill.state_machine import SkillState

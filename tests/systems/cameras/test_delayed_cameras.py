@@ -6,7 +6,7 @@ import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from system_bench import SystemBench
 
-from poil_drake.errors import InvalidValueError, StationError
+from poil_drake.errors import StationError
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 
@@ -56,10 +56,7 @@ class Painter:
 
 
 def make_bench(
-    *,
-    delay: float,
-    painter: Painter | None = None,
-    plant: Moving | None = None,
+    *, delay: float, painter: Painter | None = None, plant: Moving | None = None
 ) -> SystemBench:
     """The cameras, connected to a moving plant."""
     dut = DelayedCameras(
@@ -167,9 +164,3 @@ def test_an_error_names_the_closed_thread(bench: SystemBench) -> None:
 
     with pytest.raises(StationError, match=r"has been closed.*Close the loop only after"):
         bench.advance_to(PERIOD + AFTER)
-
-
-@pytest.mark.parametrize("delay", [0.0, -0.1, np.nan, 1e-17])
-def test_cameras_without_a_delay_are_refused(delay: float) -> None:
-    with pytest.raises(InvalidValueError, match="delay"):
-        make_bench(delay=delay)

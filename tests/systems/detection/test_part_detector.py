@@ -23,16 +23,19 @@ FUSION = FusionConfig(mask=DepthMaskConfig(), voxel_size=0.0, outlier_neighbours
 
 
 class MiddleDetector:
-    """Finds the part in the middle of the image, unless it is dark there."""
+    """Finds the part in the middle of the image, unless it is dark there, once `go` is set."""
 
     def __init__(self) -> None:
         self.calls: list[tuple[float, str, str]] = []
+        self.go = threading.Event()
+        self.go.set()
 
     @property
     def searches(self) -> list[float]:
         return [stamp for stamp, _, _ in self.calls]
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
+        self.go.wait()
         self.calls.append((frame.stamp, object_label, part_label))
         if frame.images[0].rgb[12, 16].max() < 50:
             raise DetectionError("It is dark.", remedy="Light a lamp.")
@@ -186,20 +189,10 @@ def test_it_waits_for_images_with_labels_where_labels_are_connected(
     assert bench.read("status") == DetectorStatus.FOUND
 
 
-class PausedDetector(MiddleDetector):
-    """Searches once `go` is set."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.go = threading.Event()
-
-    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
-        self.go.wait()
-        return super().detect(frame, object_label=object_label, part_label=part_label)
-
-
-def test_the_frame_and_the_times_of_a_late_search_are_outputs() -> None:
-    detector = PausedDetector()
+def test_the_frame_and_the_times_of_a_late_search_are_outputs(
+    detector: MiddleDetector,
+) -> None:
+    detector.go.clear()
     bench = make_bench(detector, timing=Worker(period=PERIOD, poll_period=PERIOD))
     assert bench.read("frame") is ABSENT
 

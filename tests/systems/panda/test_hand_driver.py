@@ -3,7 +3,7 @@ import math
 import pytest
 from system_bench import SystemBench
 
-from poil_drake.systems.panda.hand_driver import HandDriver, step_width
+from poil_drake.systems.panda.hand_driver import HandDriver
 
 
 @pytest.fixture
@@ -23,9 +23,11 @@ def bench() -> SystemBench:
     ],
 )
 def test_the_width_follows_at_its_speed(width: float, wanted: float, expected: float) -> None:
-    assert step_width(width=width, wanted=wanted, speed=0.1, time_step=0.01) == pytest.approx(
-        expected
-    )
+    bench = SystemBench(HandDriver(speed=0.1, time_step=0.01), width_measured=width, width=wanted)
+
+    bench.advance_to(0.005)
+
+    assert bench.read("finger_position")[0] == pytest.approx(expected / 2)
 
 
 def test_the_hand_holds_its_opening_until_a_width_is_commanded(bench: SystemBench) -> None:

@@ -14,7 +14,7 @@ from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
 from poil_drake.perception.capture.device import CaptureDevice, make_device
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.camera_playback import CameraPlayback
-from poil_drake.systems.cameras.lcm_image_device import LcmImageDevice
+from poil_drake.systems.cameras.lcm_cameras import LcmImageDevice
 from poil_drake.systems.lcm.network import Clock
 
 _USUAL_BUSES = (HardwareConfig().robot_bus, HardwareConfig().image_bus)

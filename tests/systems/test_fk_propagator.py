@@ -8,8 +8,13 @@ from system_bench import SystemBench
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.absent import ABSENT
+from poil_drake.systems.fk_propagator import (
+    FkPropagator,
+    empty_history,
+    motion_at,
+    record_motion,
+)
 from poil_drake.systems.ik.arm_kinematics import ArmKinematics
-from poil_drake.systems.propagation.fk_propagator import FkPropagator
 
 PERIOD = 1 / 256
 P_G = np.array([[0.02, 0.0, 0.05], [0.0, 0.03, 0.06], [-0.02, -0.01, 0.08], [0.01, 0.02, 0.04]])
@@ -126,17 +131,6 @@ def test_object_motion_is_the_hands_until_the_current_images(
     assert_held(bench, 100)
 
 
-def test_a_stamp_between_two_ticks_is_interpolated(bench: ArmBench) -> None:
-    bench.step_to(50)
-    stamp = 40.4 * PERIOD
-    bench.fix(tracked_points=seen(held_points(stamp), stamp))
-
-    bench.step(joints(bench.time))
-
-    # Linear interpolation errs by h^2 / 8 times the acceleration, here about 1 m/s^2.
-    np.testing.assert_allclose(bench.points(), held_points(50 * PERIOD), rtol=0.0, atol=1e-5)
-
-
 @pytest.mark.parametrize("holding", [0.0, 0.5, np.nan])
 def test_without_a_grasp_the_points_stay(bench: ArmBench, holding: float) -> None:
     bench.fix(holding=holding, tracked_points=seen(P_G, 0.0))
@@ -238,3 +232,45 @@ def test_a_track_of_other_points_is_refused(bench: ArmBench, wrong: object) -> N
 
     with pytest.raises(InvalidValueError, match="tracked_points"):
         bench.step(joints(0.0))
+
+
+def turn_about_z(angle: float, x: float = 0.0) -> np.ndarray:
+    X = np.eye(4)
+    X[:3, :3] = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+    X[0, 3] = x
+    return X
+
+
+def filled_history(count: int, duration: float = 0.1) -> np.ndarray:
+    history = empty_history(duration, PERIOD)
+    for tick in range(count):
+        record_motion(history, tick * PERIOD, turn_about_z(0.01 * tick, 0.1 * tick), PERIOD)
+    return history
+
+
+def test_a_history_reaches_back_over_its_duration_and_no_farther() -> None:
+    history = filled_history(100, duration=0.1)
+
+    assert motion_at(history, 99 * PERIOD - 0.1, PERIOD) is not None
+    assert motion_at(history, 60 * PERIOD, PERIOD) is None
+
+
+def test_the_future_and_an_empty_history_are_unknown() -> None:
+    assert motion_at(filled_history(10), 10 * PERIOD, PERIOD) is None
+    assert motion_at(filled_history(10), -PERIOD, PERIOD) is None
+    assert motion_at(empty_history(0.1, PERIOD), 0.0, PERIOD) is None
+
+
+def test_between_samples_of_the_history_the_motion_is_interpolated() -> None:
+    history = filled_history(100)
+
+    X = motion_at(history, 95.25 * PERIOD, PERIOD)
+
+    np.testing.assert_allclose(X, turn_about_z(0.9525, 9.525), atol=1e-12)
+
+
+@pytest.mark.parametrize("error", [0.0, 1e-13, -1e-13])
+def test_a_sample_of_the_history_is_returned_exactly(error: float) -> None:
+    X = motion_at(filled_history(100), 95 * PERIOD + error, PERIOD)
+
+    np.testing.assert_array_equal(X, turn_about_z(0.01 * 95, 0.1 * 95))

@@ -1,17 +1,28 @@
-"""Sends the images of a simulated robot's cameras over LCM."""
+"""Cameras over LCM: sends the images of simulated ones, and receives those of any."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
+from poil_drake.errors import CaptureError
+from poil_drake.perception.images import RgbdImage
 from poil_drake.runtime.background_thread import Background
 from poil_drake.systems.cameras.delayed_cameras import SceneRenderer
-from poil_drake.systems.cameras.lcm_image_messages import encode_images
+from poil_drake.systems.cameras.lcm_image_messages import decode_images, encode_images
 from poil_drake.systems.lcm.network import Clock, LcmNetwork
+
+_LABEL_EVERY = 8
+"""One capture in this many includes label images."""
+
+_WAITING = 4
+"""Capacity of the queue of unread images, which usually holds at most one."""
+
+_PATIENCE = 100
+"""How long `read` waits for an image [ms]; other threads run meanwhile."""
 
 
 class LcmCameraFeed(LeafSystem):
@@ -26,40 +37,35 @@ class LcmCameraFeed(LeafSystem):
     Each period, a publish event captures `plant_state` (nq + nv,), the plant's state; a thread then
     renders and sends the images, stamped with the clock's time at the capture. The simulation does
     not wait: like a camera that drops frames, the feed skips captures while it renders or sends.
-    Label images take as long to render as colour and depth, so only every `label_every`-th capture
-    includes them. `close` ends the thread.
+    Label images take as long to render as colour and depth, so only every eighth capture includes
+    them. `close` ends the thread.
     """
 
     def __init__(
         self,
         *,
         renderer: SceneRenderer,
-        cameras: Sequence[str],
-        channels: Sequence[str],
+        channels: Mapping[str, str],
         url: str,
         num_positions: int,
         num_velocities: int,
         period: float,
-        label_every: int = 8,
         clock: Clock = time.time,
     ):
         """Constructs the feed.
 
         Args:
             renderer: Renders the images.
-            cameras: The cameras' names, in the order of the renderer's images.
-            channels: The LCM channel of each camera's images.
+            channels: Camera -> LCM channel of its images, in the order of the renderer's images.
             url: The URL of the LCM network.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
             period: Time from one capture to the next [s].
-            label_every: One capture in this many includes label images.
             clock: Returns the current time [s since the epoch].
         """
         super().__init__()
-        self._renderer, self._clock = renderer, clock
-        self._channels = dict(zip(cameras, channels, strict=True))
-        self._num_positions, self._label_every = num_positions, label_every
+        self._renderer, self._channels, self._clock = renderer, channels, clock
+        self._num_positions = num_positions
         self._lcm = LcmNetwork(url)
         self._background = Background("camera feed's thread")
         self._work: Future[None] | None = None
@@ -77,7 +83,7 @@ class LcmCameraFeed(LeafSystem):
                 return
             self._work.result()  # Raises the thread's error, if any.
         positions = self._state.Eval(context)[: self._num_positions].copy()
-        labels = self._captures % self._label_every == 0
+        labels = self._captures % _LABEL_EVERY == 0
         self._captures += 1
         self._work = self._background.submit(
             self._send, positions, context.get_time(), self._clock(), labels
@@ -93,3 +99,48 @@ class LcmCameraFeed(LeafSystem):
         ):
             stamped = replace(image, stamp=stamp, label=label)
             self._lcm.Publish(channel, encode_images(stamped, camera=name))
+
+
+class LcmImageDevice:
+    """A `CaptureDevice` that reads the newest image from an LCM channel.
+
+    It opens its own LCM network, so images are received and decoded on the thread that calls
+    `read`, not on the thread that commands the robot. The sender sets the stamps.
+    """
+
+    def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
+        """Stores the settings; `open` opens the channel.
+
+        Args:
+            url: The URL of the LCM network.
+            channel: The channel of the images.
+            size: (height, width) of the images [px].
+        """
+        self._url, self._channel, self._size = url, channel, size
+        self._lcm: LcmNetwork | None = None
+        self._newest: bytes | None = None
+
+    def open(self) -> None:
+        """See `CaptureDevice.open`."""
+        self._newest = None
+        self._lcm = LcmNetwork(self._url, queue_capacity=_WAITING)
+        self._lcm.Subscribe(self._channel, self._receive)
+
+    def read(self) -> RgbdImage | None:
+        """See `CaptureDevice.read`."""
+        if self._lcm is None:
+            raise CaptureError(
+                f"The channel {self._channel} is not open.", remedy="Call `open` before `read`."
+            )
+        self._lcm.HandleSubscriptions(_PATIENCE)
+        if self._newest is None:
+            return None
+        message, self._newest = self._newest, None
+        return decode_images(message, size=self._size)
+
+    def close(self) -> None:
+        """See `CaptureDevice.close`."""
+        self._lcm = None
+
+    def _receive(self, message: bytes) -> None:
+        self._newest = message

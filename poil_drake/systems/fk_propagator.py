@@ -7,12 +7,23 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_transform import inverse, transform_points
+from poil_drake.geometry.rigid_transform import (
+    inverse,
+    make_transform,
+    rotation_exp,
+    rotation_log,
+    transform_points,
+)
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.ik.arm_kinematics import ArmKinematics, MakePandaKinematics
-from poil_drake.systems.propagation.motion_history import empty_history, motion_at, record_motion
+
+_ROW_SIZE = 17
+"""Size of a row of a history: the time of the sample [s], then X (4, 4) row-major."""
+
+_ON_GRID = 1e-6
+"""A time within this fraction of a period from a sample counts as the sample's time."""
 
 
 class FkPropagator(LeafSystem):
@@ -127,7 +138,7 @@ class FkPropagator(LeafSystem):
 
         X_M = state("motion").reshape(4, 4)
         moved = self._move(context, state("gripper_pose").reshape(4, 4), X_M)
-        history = state("history").reshape(-1, 17)
+        history = state("history").reshape(-1, _ROW_SIZE)
         record_motion(history, time, X_M, self._period)
         captured = self._image_time.Eval(context)[0] if self._image_time.HasValue(context) else time
         if captured >= time or math.isnan(captured):
@@ -183,3 +194,41 @@ class FkPropagator(LeafSystem):
                 remedy="Connect a tracker with as many points as the propagator.",
             )
         return tracked
+
+
+def empty_history(duration: float, period: float) -> np.ndarray:
+    """Returns an empty history (M, 17) for `duration` [s], with a row for every `period` [s]."""
+    return np.full((math.ceil(duration / period) + 2, _ROW_SIZE), np.nan)
+
+
+def record_motion(history: np.ndarray, time: float, X: np.ndarray, period: float) -> None:
+    """Replaces the oldest row by X (4, 4) at `time` [s], a multiple of `period` [s]; in place."""
+    row = history[round(time / period) % len(history)]
+    row[0] = time
+    row[1:] = X.ravel()
+
+
+def motion_at(history: np.ndarray, time: float, period: float) -> np.ndarray | None:
+    """Returns X (4, 4) at `time` [s], or None if the history does not cover that time.
+
+    Between two samples the translation is interpolated linearly, the rotation along the geodesic.
+    """
+    before = math.floor(time / period + _ON_GRID)
+    fraction = time / period - before
+    first = _sample(history, before, period)
+    if first is None or abs(fraction) <= _ON_GRID:
+        return first
+    second = _sample(history, before + 1, period)
+    if second is None:
+        return None
+    turn = rotation_log(first[:3, :3].T @ second[:3, :3])
+    return make_transform(
+        first[:3, :3] @ rotation_exp(fraction * turn),
+        (1.0 - fraction) * first[:3, 3] + fraction * second[:3, 3],
+    )
+
+
+def _sample(history: np.ndarray, tick: int, period: float) -> np.ndarray | None:
+    row = history[tick % len(history)]
+    held = abs(row[0] - tick * period) < 0.5 * period  # False for NaN
+    return row[1:].reshape(4, 4).copy() if held else None

@@ -1,1 +1,0 @@
-"""Propagation of tracked points with the arm's forward kinematics."""
