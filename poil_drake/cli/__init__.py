@@ -13,7 +13,6 @@ from typer.exceptions import TyperException
 from poil_drake import __version__
 from poil_drake.cli import skill
 from poil_drake.cli.bench import bench_app
-from poil_drake.cli.replay import replay
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
@@ -38,7 +37,7 @@ app.add_typer(demo_app, name="demo")
 app.add_typer(bench_app, name="bench")
 demo_app.command("record")(skill.demo_record)
 demo_app.command("show")(skill.demo_show)
-for verb in (skill.run, skill.transfer, skill.execute, skill.driver, replay):
+for verb in (skill.run, skill.transfer, skill.execute, skill.replay, skill.driver):
     app.command()(verb)
 
 
