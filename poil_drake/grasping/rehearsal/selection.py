@@ -9,13 +9,18 @@ import numpy as np
 from poil_drake.errors import NoFeasibleGraspError
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
-from poil_drake.grasping.rehearsal.feasibility import Failure, Feasibility, FeasibilityConfig
 from poil_drake.grasping.rehearsal.object_path import (
     ObjectPath,
     ObjectPathConfig,
     predict_object_path,
 )
-from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
+from poil_drake.grasping.rehearsal.rehearsal import (
+    Failure,
+    Feasibility,
+    FeasibilityChecker,
+    FeasibilityConfig,
+)
+from poil_drake.robots.inverse_kinematics import distinct_solutions
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress
@@ -86,7 +91,7 @@ def rank_grasps(
         if progress:
             progress("rehearsing grasps", start / len(candidates))
         batch = candidates[start : start + _BATCH]
-        configurations = checker.configurations(batch)
+        configurations = distinct_solutions(model, np.array([grasp.X_WG for grasp in batch]))
         for number, object_path in enumerate(paths):
             findings = checker.rehearse(batch, configurations, object_path)
             for index in range(len(batch)):
