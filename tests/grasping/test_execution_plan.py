@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.grasping import plan_file
-from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.plan_file import FORMAT_VERSION, PlanFileError
+from poil_drake.grasping import execution_plan
+from poil_drake.grasping.execution_plan import FORMAT_VERSION, ExecutionPlan, PlanFileError
 
 
 @pytest.fixture
@@ -89,8 +88,8 @@ def test_entry_without_content_is_named(data):
         ({"target_points": None}, "The plan 'the log' has no entry 'target_points'"),
         ({"reference.times": None}, "has no entry 'reference.times'"),
         ({"grasp.X_WG": None}, "has no entry 'grasp.X_WG'"),
-        ({"header": None}, "has no entry 'header'"),
-        ({"header": np.array("{")}, "header of the plan 'the log' is damaged"),
+        ({"header": None}, "'the log' cannot be read: the entry 'header' is missing"),
+        ({"header": np.array("{")}, "'the log' cannot be read: Expecting property name"),
         ({"target_points": np.zeros((2, 3))}, r"ExecutionPlan.target_points has shape \(2, 3\)"),
         ({"target_points": np.array(["a"])}, "could not convert string"),
         (
@@ -183,7 +182,7 @@ def test_descent_must_begin_where_the_approach_ends(plan):
 
 
 def test_rejects_a_plan_that_unpacks_to_too_much(data, monkeypatch):
-    monkeypatch.setattr(plan_file, "LARGEST_PLAN", 1000)
+    monkeypatch.setattr(execution_plan, "LARGEST_PLAN", 1000)
 
     with pytest.raises(PlanFileError, match="unpacks to more than"):
         ExecutionPlan.from_bytes(data, name="the log")
