@@ -56,7 +56,8 @@ class GraspScene:
             X_WG: (4, 4) gripper pose at the grasp [m, world].
             opening: Distance between the pads [m].
         """
-        lower, upper = _gripper_boxes(opening)
+        boxes = zip(GRIPPER.finger_boxes(opening), GRIPPER.hand_box(), strict=True)
+        lower, upper = (np.vstack(corners) for corners in boxes)
         if self._ground_height is not None:
             corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
             lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
@@ -75,12 +76,6 @@ class GraspScene:
             distance = _distance_to_boxes(part_G, *_with_closing_space(lower, upper))
             return distance >= self._part_clearance
         return True
-
-
-def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
-    lower, upper = GRIPPER.finger_boxes(opening)
-    hand_lower, hand_upper = GRIPPER.hand_box()
-    return np.vstack([lower, hand_lower]), np.vstack([upper, hand_upper])
 
 
 def _with_closing_space(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
