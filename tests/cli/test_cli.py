@@ -172,6 +172,17 @@ def test_system_errors_end_in_one_line(
     assert dut.error.startswith(said)
 
 
+@pytest.mark.render
+def test_the_doctor_finds_nothing_missing_except_for_the_network(command: Command) -> None:
+    dut = command("doctor")
+
+    lines = dut.out.splitlines()
+    # LCM's own messages may need longer than the doctor waits for them.
+    wrong = [line for line in lines if not line.startswith("ok") and "lcm" not in line]
+    assert dut.status == 0 or not wrong, lines
+    assert any(line.startswith("ok") and "drew 64 x 48 pixels" in line for line in lines)
+
+
 def test_a_group_of_verbs_alone_shows_its_help(command: Command) -> None:
     dut = command("demo")
 

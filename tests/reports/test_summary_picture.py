@@ -98,13 +98,6 @@ def test_signals_without_finite_values_are_drawn_empty(tmp_path):
     assert draw(tmp_path / "a.png", make_data(**unknown)).size
 
 
-def test_the_same_data_give_the_same_picture(tmp_path):
-    first = draw(tmp_path / "a.png", make_data())
-    second = draw(tmp_path / "b.png", make_data())
-
-    np.testing.assert_array_equal(first, second)
-
-
 @pytest.mark.parametrize(
     ("points", "view"),
     [
