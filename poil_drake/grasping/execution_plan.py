@@ -142,14 +142,12 @@ class ExecutionPlan(SharedOnCopy):
             PlanFileError: The file is missing, unreadable, damaged, incomplete or of another format
                 version.
         """
-        if not Path(path).is_file():
-            raise PlanFileError(f"There is no plan '{path}'.", remedy=_MAKE_ANOTHER)
         try:
             data = Path(path).read_bytes()
         except OSError as error:
             raise PlanFileError(
                 f"The plan '{path}' cannot be read: {error.strerror}.",
-                remedy="Check the file's permissions.",
+                remedy="Check the path and the file's permissions.",
             ) from error
         return cls.from_bytes(data, name=str(path))
 

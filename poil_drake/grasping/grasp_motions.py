@@ -44,7 +44,6 @@ class WorkspaceCheck:
     """Checks that motions to a grasp keep a margin to the faces of the workspace boxes.
 
     If the arm starts closer to a face than the margin, its distance from this face must not shrink.
-    An arm without boxes passes every check.
     """
 
     def __init__(self, *, model: PandaModel, q_start: np.ndarray, feasibility: FeasibilityConfig):
@@ -58,9 +57,6 @@ class WorkspaceCheck:
         Raises:
             PlanningError: The arm is outside its boxes.
         """
-        self._guard = None
-        if feasibility.posture is None:
-            return
         self._guard = PostureGuard(model=model, config=feasibility.posture)
         start = self._guard.face_distances(q_start[None])[0]
         if start.min() < -_SAG:
@@ -73,8 +69,6 @@ class WorkspaceCheck:
 
     def is_within(self, q: np.ndarray) -> np.ndarray:
         """Returns which configurations (B, 7) [rad] keep the margin: (B,) bool."""
-        if self._guard is None:
-            return np.ones(len(q), dtype=bool)
         return (self._guard.face_distances(q) >= self._least).all(axis=1)
 
     def require(self, q: np.ndarray, what: str) -> None:
@@ -88,7 +82,7 @@ class WorkspaceCheck:
             PlanningError: The motion does not keep the margin; the message names the face.
         """
         within = self.is_within(q)
-        if self._guard is not None and not within.all():
+        if not within.all():
             raise PlanningError(
                 f"{what} comes too close to a face of the workspace box: "
                 f"{self._guard.tightest_face(q[~within])}.",

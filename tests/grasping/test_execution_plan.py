@@ -60,7 +60,7 @@ def test_arrays_of_a_plan_are_read_only(plan):
 
 
 def test_missing_file_is_named(tmp_path):
-    with pytest.raises(PlanFileError, match=r"There is no plan .*nowhere\.npz"):
+    with pytest.raises(PlanFileError, match=r"nowhere\.npz' cannot be read: No such file"):
         ExecutionPlan.load(tmp_path / "nowhere.npz")
 
 
@@ -97,27 +97,20 @@ def test_entry_without_content_is_named(data):
             | {f"descent.{name}": np.zeros((3, 6)) for name in ("positions", "velocities")},
             "descent moves 6 joints",
         ),
+        (
+            {"in_header": {"format_version": FORMAT_VERSION + 1}},
+            f"format version {FORMAT_VERSION + 1}",
+        ),
+        ({"in_header": {"object_label": 3}}, "object_label is 3, but a string"),
+        ({"in_header": {"lift_height": "high"}}, "lift_height is 'high', but a finite number"),
+        ({"in_header": {"retreat_distance": float("nan")}}, "retreat_distance is nan"),
+        ({"in_header": {"grasp.width": None}}, "grasp.width is None"),
+        ({"in_header": {"metadata": [1]}}, r"metadata is \[1\], but a mapping"),
     ],
 )
 def test_wrong_entries_are_named(data, changes, says):
     with pytest.raises(PlanFileError, match=says):
         ExecutionPlan.from_bytes(rewritten(data, **changes), name="the log")
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"format_version": FORMAT_VERSION + 1}, f"format version {FORMAT_VERSION + 1}"),
-        ({"object_label": 3}, "object_label is 3, but a string"),
-        ({"lift_height": "high"}, "lift_height is 'high', but a finite number"),
-        ({"retreat_distance": float("nan")}, "retreat_distance is nan"),
-        ({"grasp.width": None}, "grasp.width is None"),
-        ({"metadata": [1]}, r"metadata is \[1\], but a mapping"),
-    ],
-)
-def test_wrong_header_values_are_named(data, changes, says):
-    with pytest.raises(PlanFileError, match=says):
-        ExecutionPlan.from_bytes(rewritten(data, changes), name="the log")
 
 
 def load_damaged(data: bytes) -> None:

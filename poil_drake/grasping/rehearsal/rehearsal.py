@@ -64,13 +64,13 @@ class FeasibilityConfig:
 
     Attributes:
         collision: Margins of the collision checks.
-        posture: The workspace boxes in which the supervisor keeps the arm; None for no boxes.
+        posture: The workspace boxes in which the supervisor keeps the arm.
         pregrasp_distance: Length of the gripper's straight motion to the grasp [m].
         retreat_distance: Length of the gripper's straight motion away from the released object [m].
     """
 
     collision: CollisionConfig = field(default_factory=CollisionConfig)
-    posture: PostureGuardConfig | None = None
+    posture: PostureGuardConfig = field(default_factory=PostureGuardConfig)
     pregrasp_distance: float = 0.10
     retreat_distance: float = 0.10
 
@@ -91,7 +91,7 @@ class Feasibility:
         failure: Why the grasp is not feasible; None if it is feasible.
         cost: Smaller is better; infinite if the grasp is not feasible.
         workspace_clearance: The arm's smallest distance from the faces of its workspace boxes [m],
-            negative outside; NaN without boxes, or if an earlier check failed.
+            negative outside; NaN if an earlier check failed.
         tightest_face: A clause that names the face that the arm comes too close to; empty unless
             the failure is `WORKSPACE`.
     """
@@ -124,8 +124,7 @@ class FeasibilityChecker:
         self._scene = scene
         self._config = config
         self._checkers: dict[float | None, RobotCollisionChecker] = {}
-        posture = config.posture
-        self._guard = None if posture is None else PostureGuard(model=model, config=posture)
+        self._guard = PostureGuard(model=model, config=config.posture)
 
     def rehearse(
         self,
@@ -187,7 +186,7 @@ class FeasibilityChecker:
         }
         failure = next((reason for reason, failed in checks.items() if failed), None)
         clearance, inside, cost, face = np.nan, np.nan, np.inf, ""
-        if failure is None and self._guard is not None:
+        if failure is None:
             inside = float(self._guard.face_distances(everything).min())
             if inside < WORKSPACE_MARGIN:
                 failure, face = Failure.WORKSPACE, self._guard.tightest_face(everything)
