@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from types import FrameType
 from typing import Annotated, Any
 
@@ -43,11 +43,7 @@ for verb in (skill.run, skill.transfer, skill.execute, skill.replay, skill.drive
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        try:
-            drake = version("drake")
-        except PackageNotFoundError:  # Drake was not installed with pip.
-            drake = "of unknown version"
-        typer.echo(f"poil_drake {__version__}, Drake {drake}")
+        typer.echo(f"poil_drake {__version__}, Drake {version('drake')}")
         raise typer.Exit
 
 

@@ -34,7 +34,9 @@ _VIEW_MARGIN = 0.12  # Around the points in a picture, as a share of the picture
 
 def make_summary_picture(path: str | Path, data: SummaryData) -> None:
     """Draws the picture of a run; the path's suffix is the format, e.g. `.png` or `.pdf`."""
-    panels = _panels(data)
+    panels = [draw_point_error, draw_potential, draw_progress, draw_joint_velocities]
+    if np.isfinite(data.tracking_errors).any():
+        panels.insert(1, draw_tracking_error)
     picture_height = _picture_height(data)
     height = (
         _HEADER_HEIGHT
@@ -47,18 +49,6 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> None:
         _draw_header(figure, data, height)
         _draw_snapshots(figure, data, height, picture_height)
         _draw_panels(figure, panels, data, height)
-
-
-def _panels(data: SummaryData) -> list:
-    """Returns the functions that draw the panels. Unknown tracking errors get no panel."""
-    known = np.isfinite(data.tracking_errors).any()
-    return [
-        draw_point_error,
-        *([draw_tracking_error] if known else []),
-        draw_potential,
-        draw_progress,
-        draw_joint_velocities,
-    ]
 
 
 def _picture_height(data: SummaryData) -> float:

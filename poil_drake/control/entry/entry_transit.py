@@ -9,8 +9,7 @@ import numpy as np
 from poil_drake.control.entry.entry_clearance import EntryStart
 from poil_drake.control.entry.entry_model import EntryModel
 from poil_drake.planning.path_shortening import EdgeChecker, round_corners, shorten_path
-from poil_drake.planning.pose_vectors import PoseSpace, poses_of, same_side, vectors_of
-from poil_drake.planning.rrt_connect import rrt_connect
+from poil_drake.planning.rrt_connect import PoseSpace, poses_of, rrt_connect, same_side, vectors_of
 
 _CANDIDATES = 16
 """Number of samples of the reference to try: one every 3 cm for a path of half a metre."""
