@@ -45,9 +45,7 @@ class VectorSpace:
 def _bounds(lower: np.ndarray, upper: np.ndarray) -> Any:
     """Returns the OMPL bounds of the box between two corners (D,)."""
     bounds = base.RealVectorBounds(len(lower))
-    for k, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
-        bounds.setLow(k, low)
-        bounds.setHigh(k, high)
+    bounds.low, bounds.high = lower.tolist(), upper.tolist()
     return bounds
 
 
