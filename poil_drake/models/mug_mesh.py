@@ -7,22 +7,15 @@ import numpy as np
 from poil_drake.models.mug_family import MugParameters
 from poil_drake.models.mug_shape import handle_center_line, wall_profile
 
-_BODY_SEGMENTS = 40
-"""Number of facets around the body."""
-
-_HANDLE_SECTIONS = 26
-"""Number of cross-sections along the handle."""
-
-_HANDLE_SEGMENTS = 10
-"""Number of facets around the handle's tube."""
+_BODY_SEGMENTS = 40  # Facets around the body.
+_HANDLE_SECTIONS = 26  # Cross-sections along the handle.
+_HANDLE_SEGMENTS = 10  # Facets around the handle's tube.
 
 _DECORATED_FRACTION = 0.75
 """Fraction of the texture image, from its top, that covers the handle and the outside of the body.
 The rest of the image has the base colour and covers the inside and the underside."""
 
-_TEXTURE_SIZE = (256, 512)
-"""Height and width of a texture image [px]."""
-
+_TEXTURE_SIZE = (256, 512)  # Height and width of a texture image [px].
 _SHADES = 6  # Number of colours in a noise texture; a small one keeps the image file small.
 
 
