@@ -1,4 +1,4 @@
-"""Every example runs and does what its docstring says."""
+"""Every example runs and does what its docstring says; the README shows the first one."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,17 @@ from pathlib import Path
 import pytest
 from python_process import run_python
 
+from poil_drake.recording.run_log.reader import load_recorded_run
+
 ROOT = Path(__file__).parent.parent
+FIRST_DIAGRAM = (ROOT / "examples" / "first_diagram.py").read_text()
+PRINT_MOTION = """
+    station = loop.station
+    context = station.GetMyContextFromRoot(simulator.get_context())
+    for name in ("panda.position_measured", "panda.velocity_measured"):
+        print(*station.GetOutputPort(name).Eval(context))
+"""
+FOLLOWING = 6.5  # [s]: at this time tracked points move the arm and the mug.
 AS_FAST_AS_POSSIBLE = """
 import runpy, sys
 from pydrake.systems.analysis import Simulator
@@ -21,14 +31,42 @@ def run_example(name: str, *arguments: object, cwd: Path) -> str:
 
 
 def test_every_example_is_run_by_a_test() -> None:
-    tests = [ROOT / "tests" / name for name in ("test_examples.py", "test_readme.py")]
-    tests.append(ROOT / "tests" / "hardware" / "test_dry_run_example.py")
+    tests = [Path(__file__), ROOT / "tests" / "hardware" / "test_dry_run_example.py"]
     texts = "".join(path.read_text() for path in tests)
 
     names = [path.name for path in (ROOT / "examples").glob("*.py")]
 
     assert len(names) >= 8
     assert [name for name in names if f'"{name}"' not in texts] == []
+
+
+def test_the_readmes_first_diagram_is_the_example() -> None:
+    readme = (ROOT / "README.md").read_text()
+    example = FIRST_DIAGRAM.split("\n\n", 1)[1]
+    indented = "\n".join(f"    {line}" if line else "" for line in example.strip().splitlines())
+    assert indented in readme
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_the_example_moves_exactly_as_the_run_of_another_process(
+    tmp_path: Path, whole_run: Path, demonstration: Path
+) -> None:
+    # The two processes differ in hash seeds, memory addresses and timing.
+    run = load_recorded_run(whole_run / "run.mcap")
+    assert 15.0 < run.end <= 16.0
+    assert {phase.name: phase.time for phase in run.phases}["follow"] < FOLLOWING - 0.5
+    assert FIRST_DIAGRAM.count("AdvanceTo(16.0)") == 1
+    script = FIRST_DIAGRAM.replace("AdvanceTo(16.0)", f"AdvanceTo({FOLLOWING})")
+
+    page, *motion = run_python("-c", script + PRINT_MOTION, cwd=tmp_path).splitlines()
+
+    assert page.startswith("http://localhost:")
+    found = [float(number) for line in motion for number in line.split()]
+    assert found == run.joints.at(FOLLOWING)[:14].tolist()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["demo.mcap"]
+    recorded = [tmp_path / "out" / "demo.mcap", whole_run / "demo.mcap", demonstration]
+    assert len({path.read_bytes() for path in recorded}) == 1
 
 
 @pytest.mark.parametrize("flags", [[], ["--meshcat"]])

@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from types import FrameType
 from typing import Annotated, Any
 
@@ -13,7 +13,6 @@ from typer.exceptions import TyperException
 from poil_drake import __version__
 from poil_drake.cli import skill
 from poil_drake.cli.bench import bench_app
-from poil_drake.cli.replay import replay
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
@@ -38,17 +37,13 @@ app.add_typer(demo_app, name="demo")
 app.add_typer(bench_app, name="bench")
 demo_app.command("record")(skill.demo_record)
 demo_app.command("show")(skill.demo_show)
-for verb in (skill.run, skill.transfer, skill.execute, skill.driver, replay):
+for verb in (skill.run, skill.transfer, skill.execute, skill.replay, skill.driver):
     app.command()(verb)
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        try:
-            drake = version("drake")
-        except PackageNotFoundError:  # Drake was not installed with pip.
-            drake = "of unknown version"
-        typer.echo(f"poil_drake {__version__}, Drake {drake}")
+        typer.echo(f"poil_drake {__version__}, Drake {version('drake')}")
         raise typer.Exit
 
 

@@ -1,6 +1,12 @@
-"""The plan of an execution: all data that the execution needs, stored in one file."""
+"""The plan of an execution: all data that the execution needs, stored in one file.
 
+The file is a NumPy archive of arrays and one JSON header, without pickle.
+"""
+
+import io
+import json
 import math
+import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -13,9 +19,18 @@ from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import InvalidValueError, PoilError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
-from poil_drake.grasping.plan_file import MAKE_ANOTHER, PlanFileError, pack, unpack
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.runtime.output_files import whole_file
+
+FORMAT_VERSION = 1
+"""Incremented by changes that make older plans unreadable."""
+
+LARGEST_PLAN = 1 << 28
+"""Upper bound on the unpacked size of a plan [bytes]."""
+
+_MAKE_ANOTHER = "Create the plan again: poil transfer DEMO SCENARIO -o PLAN"
+
+_HEADER = "header"
 
 _PARTS = {
     "reference": PointTrajectory,
@@ -24,6 +39,10 @@ _PARTS = {
     "grasp": GraspCandidate,
 }
 """The fields of a plan that are dataclasses themselves, with their types."""
+
+
+class PlanFileError(PoilError):
+    """A plan file is missing, unreadable, damaged, incomplete or of another format version."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,14 +142,12 @@ class ExecutionPlan(SharedOnCopy):
             PlanFileError: The file is missing, unreadable, damaged, incomplete or of another format
                 version.
         """
-        if not Path(path).is_file():
-            raise PlanFileError(f"There is no plan '{path}'.", remedy=MAKE_ANOTHER)
         try:
             data = Path(path).read_bytes()
         except OSError as error:
             raise PlanFileError(
                 f"The plan '{path}' cannot be read: {error.strerror}.",
-                remedy="Check the file's permissions.",
+                remedy="Check the path and the file's permissions.",
             ) from error
         return cls.from_bytes(data, name=str(path))
 
@@ -147,7 +164,18 @@ class ExecutionPlan(SharedOnCopy):
                 values |= {f"{name}.{e.name}": getattr(value, e.name) for e in fields(value)}
             else:
                 values[name] = dict(value) if isinstance(value, Mapping) else value
-        return pack(values)
+        arrays = {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        rest = {name: value for name, value in values.items() if name not in arrays}
+        try:
+            header = json.dumps({"format_version": FORMAT_VERSION, **rest})
+        except (TypeError, ValueError) as error:
+            raise PlanFileError(
+                f"The plan's metadata cannot be written as JSON: {error}.",
+                remedy="Use text, numbers, booleans, lists and dictionaries only.",
+            ) from error
+        stream = io.BytesIO()
+        np.savez_compressed(stream, allow_pickle=False, **{_HEADER: np.array(header)}, **arrays)
+        return stream.getvalue()
 
     @classmethod
     def from_bytes(cls, data: bytes, *, name: str) -> "ExecutionPlan":
@@ -160,24 +188,50 @@ class ExecutionPlan(SharedOnCopy):
         Raises:
             PlanFileError: The data is damaged, incomplete or of another format version.
         """
-        values = unpack(data, name=name)
+        values = _unpacked(data, name)
         try:
             parts = {
                 owner: kind(**_fields(kind, values, f"{owner}.")) for owner, kind in _PARTS.items()
             }
             return cls(**parts, **_fields(cls, values))
         except KeyError as error:
-            raise PlanFileError(
-                f"The plan '{name}' has no entry {error}.", remedy=MAKE_ANOTHER
-            ) from error
+            raise _unusable(name, f"has no entry {error}") from error
         except (TypeError, ValueError) as error:
-            problem = (
-                error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
-            )
-            raise PlanFileError(
-                f"The plan '{name}' holds an invalid value: {problem}",
-                remedy=MAKE_ANOTHER,
-            ) from error
+            problem = error.problem if isinstance(error, PoilError) else str(error)
+            raise _unusable(name, f"holds an invalid value: {problem}") from error
+
+
+def _unusable(name: str, problem: str) -> PlanFileError:
+    problem = " ".join(problem.split()).rstrip(".")
+    return PlanFileError(f"The plan '{name}' {problem}.", remedy=_MAKE_ANOTHER)
+
+
+def _unpacked(data: bytes, name: str) -> dict[str, Any]:
+    """Returns arrays and header of a plan's file by name, checked for damage and version."""
+    stream = io.BytesIO(data)
+    try:
+        if not zipfile.is_zipfile(stream):  # NumPy would try to unpickle it.
+            raise TypeError("the file is not an archive")
+        # Checked before reading: a small file may unpack to more than fits into memory.
+        with zipfile.ZipFile(stream) as packed:
+            if sum(entry.file_size for entry in packed.infolist()) > LARGEST_PLAN:
+                raise TypeError(f"the file unpacks to more than {LARGEST_PLAN >> 20} MB")
+        stream.seek(0)
+        with np.load(stream, allow_pickle=False) as archive:
+            values = dict(archive)
+        for entry, value in values.items():
+            if not isinstance(value, np.ndarray):  # NumPy returns unknown entries as bytes.
+                raise TypeError(f"the entry '{entry}' is not an array")
+        if _HEADER not in values:
+            raise TypeError(f"the entry '{_HEADER}' is missing")
+        header = json.loads(str(values.pop(_HEADER)))
+        version = header.pop("format_version", None)
+    # Damage makes zipfile, zlib, NumPy, JSON or Python's tokenizer fail, each with its own errors.
+    except Exception as error:
+        raise _unusable(name, f"cannot be read: {str(error) or type(error).__name__}") from error
+    if version != FORMAT_VERSION:
+        raise _unusable(name, f"has format version {version}; version {FORMAT_VERSION} is needed")
+    return values | header
 
 
 def _fields(kind: type, values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

@@ -16,11 +16,10 @@ from poil_drake.grasping.candidates.grasp_candidate import (
 )
 from poil_drake.grasping.candidates.sampling import sample_antipodal_grasps
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.grasp_motions import plan_approach, plan_descent
-from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.grasping.grasp_motions import WorkspaceCheck, plan_approach, plan_descent
 from poil_drake.grasping.rehearsal.object_path import LIFT_HEIGHT, ObjectPathConfig
+from poil_drake.grasping.rehearsal.rehearsal import FeasibilityConfig
 from poil_drake.grasping.rehearsal.selection import GraspChoice, rank_grasps
-from poil_drake.grasping.workspace_check import WorkspaceCheck
 from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda import NOMINAL_POSTURE

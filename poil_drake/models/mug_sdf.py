@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from poil_drake.models.mug_family import MugParameters
-from poil_drake.models.mug_mesh import body_mesh, handle_mesh
+from poil_drake.models.mug_mesh import body_mesh, handle_mesh, texture_image
 from poil_drake.models.mug_shape import BOTTOM_FACTOR, handle_center_line, outer_radius
-from poil_drake.models.mug_texture import texture_image
 from poil_drake.models.sdf_text import inertial, numbers
 
 _WALL_BOXES = 14  # The wall deviates by up to radius * (1 - cos(pi / _WALL_BOXES)).

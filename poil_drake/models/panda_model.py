@@ -2,18 +2,23 @@
 
 It combines the Panda of `example-robot-data` (kinematics, inertias, primitive collision shapes of
 the arm) with what Drake needs: actuators, acceleration limits, collision filters, small visual
-meshes, and finger pads that can hold objects.
+meshes (.obj files with plain colours), and finger pads that can hold objects.
 """
 
 import hashlib
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from poil_drake.models import panda_visuals
+import numpy as np
+
 from poil_drake.robots import panda
 from poil_drake.robots.panda import ACCELERATION_LIMITS, ARM_JOINTS, FINGER_JOINTS, GRIPPER_FRAME
 from poil_drake.robots.robot_description import panda_description_directory, panda_urdf
 from poil_drake.runtime.user_cache import cached_directory
+
+if TYPE_CHECKING:
+    import trimesh
 
 PANDA_PACKAGE = "poil_drake_panda"
 """Drake package name of the generated model: `package://poil_drake_panda/panda.urdf`."""
@@ -35,6 +40,18 @@ _PAD_PROPERTIES = {
 }
 """Contact properties of a finger pad, by their names in Drake."""
 
+_MESHES = (*(f"link{i}" for i in range(8)), "hand", "finger")
+"""The visual meshes, named as in `meshes/visual/<name>.dae`."""
+
+_FACE_FRACTION = 0.1
+"""Fraction of the triangles to keep. With all of them, rendering takes 2 to 3 times as long."""
+
+_FEWEST_FACES = 60
+"""Pieces with at most this many triangles keep all of them."""
+
+_SHARPEST_SMOOTH_ANGLE = 0.6
+"""An edge is not smoothed if the normals of its faces differ by more than this angle [rad]."""
+
 _DRAKE_NAMESPACE = "http://drake.mit.edu"
 
 
@@ -49,11 +66,13 @@ def panda_package_directory() -> Path:
     source = panda_description_directory()
     # The version covers everything that the result depends on, including this code.
     digest = hashlib.sha256()
-    for path in (panda_urdf(), __file__, panda_visuals.__file__, panda.__file__):
+    for path in (panda_urdf(), __file__, panda.__file__):
         digest.update(Path(path).read_bytes())
 
     def make(directory: Path) -> None:
-        panda_visuals.convert_visuals(source=source / "meshes/visual", target=directory)
+        for name in _MESHES:
+            pieces = _load_by_color(source / f"meshes/visual/{name}.dae")
+            _write_obj(pieces, name=name, directory=directory)
         robot = ET.parse(panda_urdf()).getroot()
         _adapt(robot)
         ET.register_namespace("drake", _DRAKE_NAMESPACE)
@@ -164,3 +183,64 @@ def _add_actuator(robot: ET.Element, joint_name: str) -> None:
     joint = ET.SubElement(transmission, "joint", name=joint_name)
     ET.SubElement(joint, "hardwareInterface").text = "hardware_interface/EffortJointInterface"
     ET.SubElement(transmission, "actuator", name=joint_name)
+
+
+def _load_by_color(path: Path) -> "dict[tuple[int, ...], list[trimesh.Trimesh]]":
+    """Returns the decimated pieces of a .dae file in the link's frame, keyed by RGB colour."""
+    import trimesh
+
+    pieces: dict[tuple[int, ...], list[trimesh.Trimesh]] = {}
+    scene = trimesh.load(path, force="scene")
+    for node in sorted(scene.graph.nodes_geometry):
+        transform, geometry_name = scene.graph[node]
+        mesh = scene.geometry[geometry_name].copy()
+        color = tuple(int(c) for c in mesh.visual.material.main_color[:3])
+        mesh.apply_transform(transform)
+        pieces.setdefault(color, []).append(_decimate(mesh))
+    return pieces
+
+
+def _decimate(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
+    import open3d
+    import trimesh
+
+    mesh = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces, process=True)
+    if len(mesh.faces) > _FEWEST_FACES:
+        dense = open3d.geometry.TriangleMesh(
+            open3d.utility.Vector3dVector(np.asarray(mesh.vertices)),
+            open3d.utility.Vector3iVector(np.asarray(mesh.faces, dtype=np.int32)),
+        )
+        light = dense.simplify_quadric_decimation(
+            max(_FEWEST_FACES, int(_FACE_FRACTION * len(mesh.faces)))
+        )
+        mesh = trimesh.Trimesh(
+            vertices=np.asarray(light.vertices), faces=np.asarray(light.triangles), process=True
+        )
+    return trimesh.graph.smooth_shade(mesh, angle=_SHARPEST_SMOOTH_ANGLE)
+
+
+def _write_obj(
+    pieces: "dict[tuple[int, ...], list[trimesh.Trimesh]]", *, name: str, directory: Path
+) -> None:
+    """Writes pieces keyed by colour as `<name>.obj` and `<name>.mtl` into a directory.
+
+    The format is .obj with vertex normals, because a single glTF file switches Drake's whole render
+    engine to physically based rendering, which takes a quarter longer.
+    """
+    lines = [f"mtllib {name}.mtl"]
+    materials = []
+    offset = 1
+    for color, meshes in sorted(pieces.items()):
+        material = "color_" + "_".join(map(str, color))
+        rgb = " ".join(f"{c / 255:.4f}" for c in color)
+        materials += [f"newmtl {material}", f"Kd {rgb}", "Ks 0 0 0", "d 1", ""]
+        lines.append(f"usemtl {material}")
+        for mesh in meshes:
+            lines += ["v {:.6f} {:.6f} {:.6f}".format(*v) for v in mesh.vertices]
+            lines += ["vn {:.4f} {:.4f} {:.4f}".format(*n) for n in mesh.vertex_normals]
+            lines += [
+                "f " + " ".join(f"{i + offset}//{i + offset}" for i in face) for face in mesh.faces
+            ]
+            offset += len(mesh.vertices)
+    (directory / f"{name}.obj").write_text("\n".join(lines) + "\n")
+    (directory / f"{name}.mtl").write_text("\n".join(materials))

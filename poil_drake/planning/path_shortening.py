@@ -1,6 +1,7 @@
 """Checks straight edges between configurations, shortens paths and rounds their corners."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,17 +9,17 @@ IsFree = Callable[[np.ndarray], np.ndarray]
 """Returns which configurations (B, D) are free: (B,) bool."""
 
 
+@dataclass(frozen=True)
 class EdgeChecker:
     """Checks straight edges between configurations.
 
     Attributes:
+        are_free: The collision check of configurations.
         resolution: Distance between the checked configurations, in the configurations' unit.
     """
 
-    def __init__(self, is_free: IsFree, resolution: float):
-        """Stores the collision check and the distance between checked configurations."""
-        self._is_free = is_free
-        self.resolution = resolution
+    are_free: IsFree
+    resolution: float
 
     def samples(self, first: np.ndarray, last: np.ndarray) -> np.ndarray:
         """Returns configurations (K, D), K >= 2, from one end (D,) of an edge to the other."""
@@ -32,11 +33,7 @@ class EdgeChecker:
         """
         samples = self.samples(first, last)
         middle = len(samples) // 2
-        return bool(self._is_free(samples[middle : middle + 1])[0] and self._is_free(samples).all())
-
-    def path_is_free(self, path: np.ndarray) -> bool:
-        """Returns whether all configurations (K, D) of a path are free."""
-        return bool(self._is_free(path).all())
+        return bool(self.are_free(samples[middle : middle + 1])[0] and self.are_free(samples).all())
 
 
 def shorten_path(
@@ -86,7 +83,7 @@ def round_corners(corners: np.ndarray, edges: EdgeChecker, *, width: float) -> n
     even = np.linspace(0.0, along[-1], count + 1)
     while width > edges.resolution:
         path = _smoothed(corners, along, even, width)
-        if edges.path_is_free(path):
+        if edges.are_free(path).all():
             return path
         width *= 0.5
     return _smoothed(corners, along, even, 0.0)

@@ -29,23 +29,20 @@ class Finding:
 
 def Examine() -> list[Finding]:
     """Checks Python, libraries, rendering, LCM and the torch device, in that order."""
+    pip = f"{sys.executable} -m pip install"
     multicast = "ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo"
     checks: list[tuple[str, Callable[[], str], str]] = [
         ("python", platform.python_version, "make setup PYTHON=python3.12"),
-        ("drake", lambda: _version("drake", "pydrake"), _pip("drake")),
-        ("robot", _robot, _pip("example-robot-data")),
-        ("pinocchio", lambda: _version("pin", "pinocchio"), _pip("pin")),
-        ("ompl", lambda: _version("ompl", "ompl.geometric"), _pip("ompl")),
-        ("open3d", lambda: _version("open3d", "open3d"), _pip("open3d")),
-        ("torch", _torch, _pip("torch")),
+        ("drake", lambda: _version("drake", "pydrake"), f"{pip} drake"),
+        ("robot", _robot, f"{pip} example-robot-data"),
+        ("pinocchio", lambda: _version("pin", "pinocchio"), f"{pip} pin"),
+        ("ompl", lambda: _version("ompl", "ompl.geometric"), f"{pip} ompl"),
+        ("open3d", lambda: _version("open3d", "open3d"), f"{pip} open3d"),
+        ("torch", _torch, f"{pip} torch"),
         ("rendering", _rendering, _apt("libegl1", "libgl1", "libgl1-mesa-dri")),
         ("lcm", _lcm, f"Only for hardware: sudo sh -c '{multicast}'"),
     ]
     return [_finding(name, check, remedy) for name, check, remedy in checks]
-
-
-def _pip(*packages: str) -> str:
-    return f"{sys.executable} -m pip install {' '.join(packages)}"
 
 
 def _apt(*packages: str) -> str:

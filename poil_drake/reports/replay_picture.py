@@ -13,16 +13,14 @@ from poil_drake.reports.replay_summary import ReplaySummary
 from poil_drake.reports.run_summary import PhaseSpan
 from poil_drake.reports.summary_panels import (
     COLORS,
-    STYLE,
-    draw_phase_bands,
-    draw_phase_names,
+    draw_phases,
     draw_verdict,
     joint_colors,
     label_joints,
+    styled_figure,
 )
 
 _SIZE = (12.0, 7.2)  # [in]
-_DPI = 150
 
 
 def make_replay_picture(
@@ -32,8 +30,8 @@ def make_replay_picture(
     recorded: RecordedRun,
     replayed: RecordedRun,
     velocity_limits: np.ndarray,
-) -> Path:
-    """Draws the picture, creates its folder if needed, and returns its path.
+) -> None:
+    """Draws the picture of a replay.
 
     Args:
         path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
@@ -42,15 +40,9 @@ def make_replay_picture(
         replayed: The signals of its replay.
         velocity_limits: (J,) velocity limits of the joints [rad/s].
     """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     comparison = summary.comparison
     phases = [PhaseSpan(name=n, start=s, end=e) for n, s, e in comparison.spans]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=_SIZE)
+    with styled_figure(path, _SIZE) as figure:
         _draw_header(figure, summary)
         axes = figure.subplots(
             3,
@@ -64,18 +56,14 @@ def make_replay_picture(
                 "height_ratios": (1.6, 1.0, 1.0),
             },
         )
+        draw_phases(axes, phases, max(recorded.end, 1e-3))
         for one in axes:
-            one.set_xlim(0.0, max(recorded.end, 1e-3))
-            draw_phase_bands(one, phases)
             for phase in comparison.phases:
                 one.axvline(phase.replayed, color=COLORS["muted"], linewidth=0.8, linestyle=":")
         _draw_velocities(axes[0], recorded, replayed, velocity_limits)
         _draw_velocity_difference(axes[1], comparison)
         _draw_track_distance(axes[2], comparison)
         axes[2].set_xlabel("time [s]; dotted: phases of the replay")
-        draw_phase_names(axes[0], phases)
-        figure.savefig(path, dpi=_DPI)
-    return path
 
 
 def _draw_header(figure: Any, summary: ReplaySummary) -> None:

@@ -1,12 +1,15 @@
-"""The panels of a summary picture: signals over time, with the skill's phases behind them."""
+"""The panels of pictures of runs: signals over time, with the skill's phases behind them."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from poil_drake.reports.run_summary import PhaseSpan
-from poil_drake.reports.summary_data import SummaryData
+from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
 COLORS = {
     # The hues of the live view: points, target, reference.
@@ -20,7 +23,7 @@ COLORS = {
     "grid": "#d9dce1",
 }
 
-STYLE = {
+_STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.labelsize": 9.0,
@@ -44,6 +47,64 @@ STYLE = {
 
 _BANDS = ("#f3f4f6", "#ffffff")
 _SPECIAL_BANDS = {"follow": "#e3eefb", "fault": "#fde4e4", "done": "#e4f4e8"}
+_DPI = 150
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SummaryData:
+    """The contents of a summary picture. Empty fields are not drawn.
+
+    Attributes:
+        title: Name of the run, e.g. "Hang a mug".
+        success: Whether the task succeeded.
+        reason: Why it succeeded or failed, in one clause.
+        subtitle: One line of further figures.
+        times: (T,) times of the samples of points, potential, tau and joint velocities [s].
+        point_errors: (T, N) distance of each point from its target [m]; NaN where unknown.
+        potential: (T,) D of POIL eq. 4 [m^2].
+        tau: (T,) time of the reference's closest sample [s].
+        reference_duration: The reference's last time [s]; NaN if unknown.
+        joint_velocities: (T, J) commanded or measured joint velocities [rad/s].
+        velocity_limits: (J,) velocity limits of the joints [rad/s].
+        phases: The skill's phases.
+        tracking_times: (S,) times [s] of the tracker's samples.
+        tracking_errors: (S, N) distance of each tracked point from the truth [m].
+        snapshots: Camera pictures in order of time.
+    """
+
+    title: str
+    success: bool
+    reason: str
+    subtitle: str = ""
+    times: np.ndarray
+    point_errors: np.ndarray
+    potential: np.ndarray
+    tau: np.ndarray
+    reference_duration: float = np.nan
+    joint_velocities: np.ndarray
+    velocity_limits: np.ndarray
+    phases: Sequence[PhaseSpan] = ()
+    tracking_times: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    tracking_errors: np.ndarray = field(default_factory=lambda: np.zeros((0, 0)))
+    snapshots: Sequence[Snapshot] = ()
+
+
+@contextmanager
+def styled_figure(path: str | Path, size: tuple[float, float]) -> Iterator[Any]:
+    """Yields a figure, and then writes it to a file, whose folder is created if needed.
+
+    Args:
+        path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
+        size: Width and height [in].
+    """
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(_STYLE):
+        figure = Figure(figsize=size)
+        yield figure
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=_DPI)
 
 
 def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: float) -> float:
@@ -68,36 +129,33 @@ def draw_verdict(figure: Any, text: str, *, success: bool, left: float, top: flo
     return verdict.get_window_extent().x1 / figure.bbox.width
 
 
-def draw_phase_bands(axes: Any, phases: Sequence[PhaseSpan]) -> None:
-    """Shades the phases behind a panel."""
-    for index, phase in enumerate(phases):
-        color = _SPECIAL_BANDS.get(phase.name.lower(), _BANDS[index % 2])
-        axes.axvspan(phase.start, phase.end, color=color, linewidth=0, zorder=0)
-        if index:
-            axes.axvline(phase.start, color="#c3c7cd", linewidth=0.7, zorder=0.5)
-
-
-def draw_phase_names(axes: Any, phases: Sequence[PhaseSpan]) -> None:
-    """Writes the names of the phases above the top panel, without overlap."""
-    start, end = axes.get_xlim()
-    box = axes.get_position()
-    inches = box.width * axes.figure.get_figwidth()
+def draw_phases(panels: Sequence[Any], phases: Sequence[PhaseSpan], end: float) -> None:
+    """Shades the phases behind panels from time 0 to `end`, and names them above the first one."""
+    for axes in panels:
+        axes.set_xlim(0.0, end)
+        for index, phase in enumerate(phases):
+            color = _SPECIAL_BANDS.get(phase.name.lower(), _BANDS[index % 2])
+            axes.axvspan(phase.start, phase.end, color=color, linewidth=0, zorder=0)
+            if index:
+                axes.axvline(phase.start, color="#c3c7cd", linewidth=0.7, zorder=0.5)
+    top = panels[0]
+    inches = top.get_position().width * top.figure.get_figwidth()
     centres = np.array([(phase.start + phase.end) / 2.0 for phase in phases])
-    places = spread_out(centres, gap=0.24 * (end - start) / inches, upper=end)
+    places = spread_out(centres, gap=0.24 * end / inches, upper=end)
     for phase, centre, place in zip(phases, centres, places, strict=True):
-        axes.plot(
+        top.plot(
             [centre, place],
             [1.0, 1.08],
             color="#a5aab2",
             linewidth=0.7,
-            transform=axes.get_xaxis_transform(),
+            transform=top.get_xaxis_transform(),
             clip_on=False,
         )
-        axes.text(
+        top.text(
             place,
             1.10,
             phase.name.replace("_", " "),
-            transform=axes.get_xaxis_transform(),
+            transform=top.get_xaxis_transform(),
             rotation=35,
             ha="left",
             va="bottom",

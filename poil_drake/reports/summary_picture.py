@@ -6,23 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.reports.summary_data import SummaryData
+from poil_drake.geometry.depth_image import project
 from poil_drake.reports.summary_panels import (
     COLORS,
-    STYLE,
+    SummaryData,
     draw_joint_velocities,
-    draw_phase_bands,
-    draw_phase_names,
+    draw_phases,
     draw_point_error,
     draw_potential,
     draw_progress,
     draw_tracking_error,
     draw_verdict,
+    styled_figure,
 )
-from poil_drake.reports.summary_snapshots import common_view, draw_snapshot
+from poil_drake.systems.logging.snapshot_recorder import Snapshot
 
 _WIDTH = 12.0  # [in]
-_DPI = 150
 _PANEL_HEIGHT = 1.35  # [in]
 _HEADER_HEIGHT = 0.75  # [in]
 _SIDE = 0.3  # [in] left and right of the header and the pictures.
@@ -30,21 +29,14 @@ _TIME_HEIGHT = 0.25  # [in] below the pictures, for their times.
 _PHASES_HEIGHT = 0.75  # [in] between the pictures and the first panel, for the phases' names.
 _MARGINS = (0.85, 0.95, 0.55)  # [in] left, right, bottom.
 _GAP = 0.14  # [in] between panels.
+_VIEW_MARGIN = 0.12  # Around the points in a picture, as a share of the picture's width.
 
 
-def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
-    """Draws the picture, creates its folder if needed, and returns its path.
-
-    Args:
-        path: The file. Its suffix is the format, e.g. `.png` or `.pdf`.
-        data: The contents.
-    """
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    panels = _panels(data)
+def make_summary_picture(path: str | Path, data: SummaryData) -> None:
+    """Draws the picture of a run; the path's suffix is the format, e.g. `.png` or `.pdf`."""
+    panels = [draw_point_error, draw_potential, draw_progress, draw_joint_velocities]
+    if np.isfinite(data.tracking_errors).any():
+        panels.insert(1, draw_tracking_error)
     picture_height = _picture_height(data)
     height = (
         _HEADER_HEIGHT
@@ -53,25 +45,10 @@ def make_summary_picture(path: str | Path, data: SummaryData) -> Path:
         + len(panels) * (_PANEL_HEIGHT + _GAP)
         + _MARGINS[2]
     )
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(_WIDTH, height))
+    with styled_figure(path, (_WIDTH, height)) as figure:
         _draw_header(figure, data, height)
         _draw_snapshots(figure, data, height, picture_height)
         _draw_panels(figure, panels, data, height)
-        figure.savefig(path, dpi=_DPI)
-    return path
-
-
-def _panels(data: SummaryData) -> list:
-    """Returns the functions that draw the panels. Unknown tracking errors get no panel."""
-    known = np.isfinite(data.tracking_errors).any()
-    return [
-        draw_point_error,
-        *([draw_tracking_error] if known else []),
-        draw_potential,
-        draw_progress,
-        draw_joint_velocities,
-    ]
 
 
 def _picture_height(data: SummaryData) -> float:
@@ -109,7 +86,70 @@ def _draw_snapshots(figure: Any, data: SummaryData, height: float, picture_heigh
         },
     )[0]
     for index, snapshot in enumerate(data.snapshots):
-        draw_snapshot(axes[index], snapshot, view=view, legend=index == 0)
+        _draw_snapshot(axes[index], snapshot, view=view, legend=index == 0)
+
+
+def common_view(snapshots: Sequence[Snapshot]) -> np.ndarray:
+    """Returns the part of the camera picture that contains the points of all snapshots.
+
+    Args:
+        snapshots: One or more pictures of one camera.
+
+    Returns:
+        (4,) left, right, upper and lower edge [px]. The part has the proportions of the picture,
+        and is the whole picture if no point is in view.
+    """
+    camera = snapshots[0].camera
+    size = np.array([camera.width, camera.height], dtype=float)
+    points = np.concatenate([snapshot.points for snapshot in snapshots])
+    uv, _ = project(points[np.isfinite(points).all(axis=1)], camera.K, camera.X_WC)
+    uv = uv[np.all((uv >= 0.0) & (uv < size), axis=1)]
+    if len(uv) == 0:
+        return np.array([-0.5, size[0] - 0.5, -0.5, size[1] - 0.5])
+    low, high = uv.min(axis=0), uv.max(axis=0)
+    share = min(np.max((high - low + 2.0 * _VIEW_MARGIN * size[0]) / size), 1.0)
+    half = 0.5 * share * size
+    centre = np.clip(0.5 * (low + high), half, size - half) - 0.5
+    (left, top), (right, bottom) = centre - half, centre + half
+    return np.array([left, right, top, bottom])
+
+
+def _draw_snapshot(axes: Any, snapshot: Snapshot, *, view: np.ndarray, legend: bool) -> None:
+    """Draws a camera picture with the points and their targets in it, and its time below.
+
+    Args:
+        axes: Where to draw.
+        snapshot: The picture.
+        view: The part of the picture to show, from `common_view` [px].
+        legend: Whether to draw a legend.
+    """
+    camera = snapshot.camera
+    axes.imshow(snapshot.rgb, interpolation="antialiased")
+    target = {"marker": "+", "markersize": 5.0, "markeredgewidth": 1.3, "label": "target points"}
+    point = {"marker": "o", "markersize": 3.2, "markeredgewidth": 0.5, "label": "points"}
+    for points, color, edge, style in (
+        (snapshot.target_points, COLORS["target"], COLORS["target"], target),
+        (snapshot.points, COLORS["points"], "white", point),
+    ):
+        known = points[np.isfinite(points).all(axis=1)]
+        if len(known) == 0:
+            continue
+        uv, depth = project(known, camera.K, camera.X_WC)
+        uv = uv[depth > 0.0]
+        axes.plot(*uv.T, linestyle="", color=color, markeredgecolor=edge, **style)
+    axes.set(xlim=view[:2], ylim=view[:1:-1], xticks=[], yticks=[])
+    axes.grid(False)
+    axes.set_xlabel(f"{snapshot.time:.1f} s", labelpad=2)
+    if legend and axes.get_legend_handles_labels()[0]:
+        axes.legend(
+            loc="upper left",
+            fontsize=6.5,
+            frameon=True,
+            framealpha=0.85,
+            edgecolor="none",
+            handletextpad=0.2,
+            borderpad=0.3,
+        )
 
 
 def _draw_panels(figure: Any, panels: Sequence, data: SummaryData, height: float) -> None:
@@ -127,9 +167,7 @@ def _draw_panels(figure: Any, panels: Sequence, data: SummaryData, height: float
         },
     )
     end = max([*data.times[-1:], *data.tracking_times[-1:], *(p.end for p in data.phases)])
+    draw_phases(axes, data.phases, end)
     for one, draw in zip(axes, panels, strict=True):
-        one.set_xlim(0.0, end)
-        draw_phase_bands(one, data.phases)
         draw(one, data)
     axes[-1].set_xlabel("time [s]")
-    draw_phase_names(axes[0], data.phases)

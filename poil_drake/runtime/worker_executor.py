@@ -22,8 +22,10 @@ def run_in_halves(
     The second half runs in the executor while the caller runs the first. Without an executor, the
     caller runs both, one after the other.
     """
-    middle = len(items) // 2
+    middle = (len(items) + 1) // 2
     first, second = items[:middle], items[middle:]
+    if not second:
+        return list(function(first))
     if executor is None:
         return [*function(first), *function(second)]
     later = executor.submit(function, second)

@@ -2,12 +2,12 @@
 
 import re
 import subprocess
-import sys
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
 from command_line import Command
+from python_process import run_python
 
 from poil_drake.reports.run_summary import RunSummary, RunTiming
 
@@ -40,9 +40,7 @@ try:
 finally:
     print("pydrake" in sys.modules or "torch" in sys.modules)
 """
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
-
-    assert done.stdout.split() == ["transfer", "False"], done.stderr
+    assert run_python("-c", script).split() == ["transfer", "False"]
 
 
 def test_the_help_of_a_run_says_where_its_outputs_will_be(command: Command) -> None:

@@ -1,4 +1,4 @@
-"""The whole chain: from a demonstration to a mug that hangs."""
+"""The whole chain, and its verbs one by one: from a demonstration to a mug that hangs."""
 
 import json
 from pathlib import Path
@@ -76,3 +76,30 @@ def test_a_users_own_mjcf_models_run_through_the_whole_chain(
     assert dut.status == 0, dut
     assert "SUCCESS" in dut.out
     assert (tmp_path / "out" / "run.json").exists()
+
+
+def files(folder: Path) -> set[str]:
+    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+
+
+def test_a_demonstration_is_drawn(command: Command, tmp_path: Path, demonstration: Path) -> None:
+    (tmp_path / "mine.mcap").write_bytes(demonstration.read_bytes())
+
+    dut = command("demo", "show", "mine.mcap")
+
+    assert (dut.status, dut.out) == (0, "drew out/mine.png\n")
+    assert files(tmp_path) == {"mine.mcap", "out/mine.png"}
+    assert cv2.imread("out/mine.png").std() > 10.0
+
+
+def test_a_plan_is_executed(command: Command, tmp_path: Path, plan_file: Path) -> None:
+    dut = command("execute", str(plan_file), "--tracker", "ground_truth", "--no-meshcat")
+
+    assert dut.status == 0
+    assert dut.out.splitlines()[-1].startswith("SUCCESS: the mug hangs on the rack")
+    assert files(tmp_path) == {"out/run.json", "out/run.mcap", "out/run.png"}
+    assert all(name in dut.out for name in files(tmp_path))
+    figures = json.loads(Path("out/run.json").read_text())
+    assert figures["success"] is True
+    assert figures["tracker"] == "ground_truth"
+    assert figures["tracking_error"]["maximum"] < 1e-9

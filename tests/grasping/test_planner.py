@@ -7,7 +7,7 @@ from poil_drake.errors import NoFeasibleGraspError, PlanningError
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.grasping.planner import PlannerConfig
-from poil_drake.grasping.rehearsal.feasibility import FeasibilityConfig
+from poil_drake.grasping.rehearsal.rehearsal import FeasibilityConfig
 from poil_drake.robots.collision import RobotCollisionChecker
 from poil_drake.robots.panda_spheres import make_robot_spheres
 from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig

@@ -9,10 +9,9 @@ from pydrake.multibody.plant import MultibodyPlant
 import poil_drake.models
 from poil_drake.errors import InvalidValueError
 from poil_drake.models.mug_family import NAMED_MUGS, ROD_CLEARANCE, MugParameters
-from poil_drake.models.mug_mesh import body_mesh, handle_mesh
+from poil_drake.models.mug_mesh import body_mesh, handle_mesh, texture_image
 from poil_drake.models.mug_sdf import write_mug
 from poil_drake.models.mug_shape import handle_center_line, outer_radius
-from poil_drake.models.mug_texture import texture_image
 
 SHIPPED = Path(poil_drake.models.__file__).parent / "mugs"
 EACH_MUG = pytest.mark.parametrize("mug", NAMED_MUGS, ids=lambda mug: mug.name)

@@ -8,7 +8,7 @@ from poil_drake.reports.replay_picture import make_replay_picture
 
 
 def draw(path, recorded: RecordedRun, replayed: RecordedRun):
-    return make_replay_picture(
+    make_replay_picture(
         path,
         summary=make_summary(recorded, replayed),
         recorded=recorded,
@@ -21,7 +21,9 @@ def test_signals_of_only_one_run_are_drawn_and_the_folder_is_made(tmp_path):
     replayed = make_run(last="fault")
     replayed.tracks = []
 
-    path = draw(tmp_path / "out" / "replay.png", make_run(), replayed)
+    path = tmp_path / "out" / "replay.png"
+
+    draw(path, make_run(), replayed)
 
     assert cv2.imread(str(path)).shape == (1080, 1800, 3)
 
@@ -30,7 +32,9 @@ def test_signals_of_only_one_run_are_drawn_and_the_folder_is_made(tmp_path):
     ("speed", "verdict"), [(0.52, " SAME "), (0.75, " DIFFERENT ")], ids=["same", "different"]
 )
 def test_the_verdict_and_the_axes_are_written(tmp_path, speed, verdict):
-    path = draw(tmp_path / "replay.svg", make_run(), make_run(speed=speed))
+    path = tmp_path / "replay.svg"
+
+    draw(path, make_run(), make_run(speed=speed))
 
     text = path.read_text()
     for text_part in (

@@ -51,9 +51,6 @@ def test_phase_spans_of_sampled_indices():
         PhaseSpan(name="go", start=1.0, end=2.5),
         PhaseSpan(name="done", start=2.5, end=2.5),
     )
-
-
-def test_no_samples_have_no_phases():
     assert phase_spans(np.zeros(0), np.zeros(0), []) == ()
 
 

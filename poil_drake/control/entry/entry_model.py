@@ -19,7 +19,7 @@ from poil_drake.geometry.rigid_fit import kabsch, rigid_inliers
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.scene_cloud import BodyClearance, SceneCloud
 from poil_drake.planning.path_shortening import EdgeChecker
-from poil_drake.planning.pose_vectors import poses_of
+from poil_drake.planning.rrt_connect import poses_of
 
 _INLIER_DISTANCE = 0.012
 """Points farther than this from their place on the object are left out of the fit of its pose [m].

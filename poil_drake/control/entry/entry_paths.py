@@ -17,8 +17,7 @@ from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import moved_by_twist, transform_points
 from poil_drake.planning.path_shortening import EdgeChecker, round_corners, shorten_path
-from poil_drake.planning.pose_vectors import PoseSpace, poses_of, same_side, vectors_of
-from poil_drake.planning.rrt_connect import rrt_connect
+from poil_drake.planning.rrt_connect import PoseSpace, poses_of, rrt_connect, same_side, vectors_of
 
 # The field depends on the pose alone, so a speed limit that keeps the field's direction does not
 # change the path, and steps may be long where the path is nearly straight.

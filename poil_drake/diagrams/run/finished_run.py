@@ -13,7 +13,7 @@ from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.reports.run_summary import ErrorStatistics, RunSummary, RunTiming, phase_spans
-from poil_drake.reports.summary_data import SummaryData
+from poil_drake.reports.summary_panels import SummaryData
 from poil_drake.reports.summary_picture import make_summary_picture
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch

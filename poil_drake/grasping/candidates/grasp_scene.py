@@ -1,5 +1,7 @@
 """Collision checks of the gripper's boxes against the points of object, part and scene."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from poil_drake.geometry.rigid_transform import inverse, transform_points
@@ -10,44 +12,33 @@ _GROUND_CLEARANCE = 0.006  # [m] Distance that the gripper keeps from the table.
 _MAX_STRAY_POINTS = 1  # Points inside the gripper's volume that count as noise.
 
 
+@dataclass(eq=False, kw_only=True)
 class GraspScene:
     """The points of an object and its surroundings, which the open gripper must not touch.
 
     Attributes:
         object_points: (P, 3) the whole object [m, world].
         part_points: (M, 3) its functional part [m, world].
+        obstacle_points: (Q, 3) all obstacles [m, world]. Those out of the reach of a gripper at the
+            object, and those on the table, are left out.
+        ground_height: Height of the table [m]; None without a table.
+        part_clearance: Distance that the gripper keeps from the part [m].
     """
 
-    def __init__(
-        self,
-        *,
-        object_points: np.ndarray,
-        part_points: np.ndarray,
-        obstacle_points: np.ndarray,
-        ground_height: float | None,
-        part_clearance: float,
-    ):
-        """Selects the obstacle points within the reach of a gripper at the object.
+    object_points: np.ndarray
+    part_points: np.ndarray
+    obstacle_points: np.ndarray
+    ground_height: float | None
+    part_clearance: float
 
-        Args:
-            object_points: (P, 3) the whole object [m, world].
-            part_points: (M, 3) its functional part [m, world].
-            obstacle_points: (Q, 3) all obstacles [m, world].
-            ground_height: Height of the table [m]; None without a table. Obstacle points on the
-                table are left out.
-            part_clearance: Distance that the gripper keeps from the part [m].
-        """
-        self._part_clearance = part_clearance
-        self.object_points = object_points
-        self.part_points = part_points
-        self._ground_height = ground_height
-        center = object_points.mean(axis=0)
-        radius = np.linalg.norm(object_points - center, axis=1).max()
+    def __post_init__(self) -> None:
+        center = self.object_points.mean(axis=0)
+        radius = np.linalg.norm(self.object_points - center, axis=1).max()
         reach = radius + _APPROACH_LENGTH + np.linalg.norm(GRIPPER.hand_size)
-        near = np.linalg.norm(obstacle_points - center, axis=1) < reach
-        if ground_height is not None:
-            near &= obstacle_points[:, 2] > ground_height + _GROUND_CLEARANCE
-        self._obstacle_points = obstacle_points[near]
+        near = np.linalg.norm(self.obstacle_points - center, axis=1) < reach
+        if self.ground_height is not None:
+            near &= self.obstacle_points[:, 2] > self.ground_height + _GROUND_CLEARANCE
+        self.obstacle_points = self.obstacle_points[near]
 
     def is_clear(self, X_WG: np.ndarray, opening: float) -> bool:
         """Returns whether the open gripper is free of collisions at a grasp and on its approach.
@@ -56,16 +47,17 @@ class GraspScene:
             X_WG: (4, 4) gripper pose at the grasp [m, world].
             opening: Distance between the pads [m].
         """
-        lower, upper = _gripper_boxes(opening)
-        if self._ground_height is not None:
+        boxes = zip(GRIPPER.finger_boxes(opening), GRIPPER.hand_box(), strict=True)
+        lower, upper = (np.vstack(corners) for corners in boxes)
+        if self.ground_height is not None:
             corners = np.where(X_WG[2, :3] < 0.0, upper, lower)  # The lowest corner of each box.
             lowest = (corners @ X_WG[2, :3]).min() + X_WG[2, 3]
-            if lowest <= self._ground_height + _GROUND_CLEARANCE:
+            if lowest <= self.ground_height + _GROUND_CLEARANCE:
                 return False
         X_GW = inverse(X_WG)
         swept = lower.copy()
         swept[:, 2] -= _APPROACH_LENGTH
-        for points in (self.object_points, self._obstacle_points):
+        for points in (self.object_points, self.obstacle_points):
             points_G = transform_points(X_GW, points)
             if _count_inside(points_G, swept, upper) > _MAX_STRAY_POINTS:
                 return False
@@ -73,14 +65,8 @@ class GraspScene:
             part_G = transform_points(X_GW, self.part_points)
             # While closing, the fingers sweep the space between them.
             distance = _distance_to_boxes(part_G, *_with_closing_space(lower, upper))
-            return distance >= self._part_clearance
+            return distance >= self.part_clearance
         return True
-
-
-def _gripper_boxes(opening: float) -> tuple[np.ndarray, np.ndarray]:
-    lower, upper = GRIPPER.finger_boxes(opening)
-    hand_lower, hand_upper = GRIPPER.hand_box()
-    return np.vstack([lower, hand_lower]), np.vstack([upper, hand_upper])
 
 
 def _with_closing_space(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

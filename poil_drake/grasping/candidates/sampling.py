@@ -16,16 +16,14 @@ from poil_drake.grasping.candidates.closing_region import (
     Grip,
     find_grips,
 )
-from poil_drake.grasping.candidates.diversity import (
-    SAME_ANGLE,
-    SAME_POSITION,
-    dissimilar,
-    keep_diverse,
-)
 from poil_drake.grasping.candidates.grasp_candidate import (
     GRIPPER,
+    SAME_ANGLE,
+    SAME_POSITION,
     GraspCandidate,
     GraspSamplingConfig,
+    dissimilar,
+    keep_diverse,
 )
 from poil_drake.grasping.candidates.grasp_scene import GraspScene
 from poil_drake.runtime.worker_executor import run_in_halves

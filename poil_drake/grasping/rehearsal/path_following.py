@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from poil_drake.grasping.rehearsal.feasibility import STRAIGHT_SPEED
 from poil_drake.robots.inverse_kinematics import (
     ROTATION_SCALE,
     InverseKinematicsConfig,
@@ -11,6 +10,9 @@ from poil_drake.robots.inverse_kinematics import (
 )
 from poil_drake.robots.panda import NOMINAL_POSTURE
 from poil_drake.robots.panda_kinematics import PandaModel
+
+STRAIGHT_SPEED = 0.1
+"""Speed of the gripper's straight motions to the grasp and away from the released object [m/s]."""
 
 LIMIT_MARGIN = 0.07
 """Distance kept from the joint limits [rad]: a little more than the controller keeps, so that the

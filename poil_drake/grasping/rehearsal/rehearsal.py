@@ -1,17 +1,13 @@
 """Rehearses grasps: the approach, the object's motion along its path, the retreat at the goal."""
 
+import enum
 from collections.abc import Sequence
-from itertools import compress
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GRIPPER, GraspCandidate
-from poil_drake.grasping.rehearsal.feasibility import (
-    Failure,
-    Feasibility,
-    FeasibilityConfig,
-)
 from poil_drake.grasping.rehearsal.object_path import ObjectPath
 from poil_drake.grasping.rehearsal.path_following import (
     POSITION_TOLERANCE,
@@ -20,11 +16,14 @@ from poil_drake.grasping.rehearsal.path_following import (
     follow_path,
     manipulability,
 )
-from poil_drake.robots.collision import RobotCollisionChecker
-from poil_drake.robots.inverse_kinematics import distinct_solutions
+from poil_drake.robots.collision import CollisionConfig, RobotCollisionChecker
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
-from poil_drake.robots.posture_guard import PostureGuard
+from poil_drake.robots.posture_guard import PostureGuard, PostureGuardConfig
+
+WORKSPACE_MARGIN = 0.02
+"""Distance that plans keep from the faces of the workspace boxes [m], because the arm does not
+follow plans exactly."""
 
 _STRAIGHT_STEPS = 6  # Samples of each straight motion.
 
@@ -45,6 +44,71 @@ _SPEED_SCALE = 0.8  # Fraction of the joint speed limits that can be used withou
 _WEIGHTS = (1.0, 1.0, 0.5, 1.0, 0.5, 1.0, 1.0)  # Of the terms of `_cost`, in their order.
 
 
+class Failure(enum.Enum):
+    """Why a grasp is not feasible; the value completes a sentence that begins with "n grasps"."""
+
+    OUT_OF_REACH = "are out of the arm's reach"
+    APPROACH = "cannot be approached along a straight line"
+    PATH = "leave the arm's reach or joint limits on the way to the goal"
+    RETREAT = "do not allow a straight retreat at the goal"
+    SINGULAR = "pass too close to a singularity"
+    WORKSPACE = "come too close to a face of the workspace box"
+    ROBOT_COLLISION = "bring the robot into collision"
+    OBJECT_COLLISION = "bring the object into collision with the scene"
+    NOT_CONVERGED = "do not bring the part to the end of its reference"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeasibilityConfig:
+    """Requirements on a feasible grasp.
+
+    Attributes:
+        collision: Margins of the collision checks.
+        posture: The workspace boxes in which the supervisor keeps the arm.
+        pregrasp_distance: Length of the gripper's straight motion to the grasp [m].
+        retreat_distance: Length of the gripper's straight motion away from the released object [m].
+    """
+
+    collision: CollisionConfig = field(default_factory=CollisionConfig)
+    posture: PostureGuardConfig = field(default_factory=PostureGuardConfig)
+    pregrasp_distance: float = 0.10
+    retreat_distance: float = 0.10
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Feasibility:
+    """Result of rehearsing one grasp with one arm configuration at the grasp.
+
+    Attributes:
+        candidate: Index of the grasp among the rehearsed candidates.
+        q_approach: (A, 7) configurations from the pre-grasp to the grasp [rad].
+        q_carry: (S, 7) configurations at the samples of the object's path [rad].
+        q_retreat: (R, 7) configurations from the goal to the end of the retreat [rad].
+        limit_margin: Smallest distance to a joint limit [rad].
+        singular_value: Smallest singular value of the Jacobian while carrying the object; see
+            `manipulability`.
+        clearance: Smallest clearance of the robot [m]; NaN if an earlier check failed.
+        failure: Why the grasp is not feasible; None if it is feasible.
+        cost: Smaller is better; infinite if the grasp is not feasible.
+        workspace_clearance: The arm's smallest distance from the faces of its workspace boxes [m],
+            negative outside; NaN if an earlier check failed.
+        tightest_face: A clause that names the face that the arm comes too close to; empty unless
+            the failure is `WORKSPACE`.
+    """
+
+    candidate: int
+    q_approach: np.ndarray
+    q_carry: np.ndarray
+    q_retreat: np.ndarray
+    limit_margin: float
+    singular_value: float
+    clearance: float
+    failure: Failure | None
+    cost: float
+    workspace_clearance: float
+    tightest_face: str
+
+
 class FeasibilityChecker:
     """Rehearses grasps with the arm's kinematics against a scene."""
 
@@ -60,14 +124,7 @@ class FeasibilityChecker:
         self._scene = scene
         self._config = config
         self._checkers: dict[float | None, RobotCollisionChecker] = {}
-        posture = config.posture
-        self._guard = None if posture is None else PostureGuard(model=model, config=posture)
-
-    def configurations(self, candidates: Sequence[GraspCandidate]) -> tuple[np.ndarray, np.ndarray]:
-        """Returns arm configurations (R, 7) [rad] at grasps, and the grasps' indices (R,)."""
-        return distinct_solutions(
-            self._model, np.array([candidate.X_WG for candidate in candidates])
-        )
+        self._guard = PostureGuard(model=model, config=config.posture)
 
     def rehearse(
         self,
@@ -79,7 +136,7 @@ class FeasibilityChecker:
 
         Args:
             candidates: The grasps.
-            configurations: The result of `configurations` for these grasps.
+            configurations: The result of `distinct_solutions` for these grasps.
             path: The object's predicted motion.
 
         Returns:
@@ -119,14 +176,19 @@ class FeasibilityChecker:
         everything = np.concatenate([approach, carry, retreat])
         singular_value = float(manipulability(self._model, carry).min())
         limit_margin = float(self._model.limit_margin(everything).min())
-        reasons = (Failure.APPROACH, Failure.PATH, Failure.RETREAT)
-        failure = _path_failure(path) or next(compress(reasons, missed), None)
-        if failure is None and singular_value < _SMALLEST_SINGULAR_VALUE:
-            failure = Failure.SINGULAR
+        checks = {
+            Failure.NOT_CONVERGED: not path.converged,
+            Failure.OBJECT_COLLISION: path.excess > _OBJECT_CONTACT,
+            Failure.APPROACH: missed[0],
+            Failure.PATH: missed[1],
+            Failure.RETREAT: missed[2],
+            Failure.SINGULAR: singular_value < _SMALLEST_SINGULAR_VALUE,
+        }
+        failure = next((reason for reason, failed in checks.items() if failed), None)
         clearance, inside, cost, face = np.nan, np.nan, np.inf, ""
-        if failure is None and self._guard is not None:
+        if failure is None:
             inside = float(self._guard.face_distances(everything).min())
-            if inside < self._config.workspace_margin:
+            if inside < WORKSPACE_MARGIN:
                 failure, face = Failure.WORKSPACE, self._guard.tightest_face(everything)
         if failure is None:
             clearance = self._clearance(candidate, motions, path)
@@ -200,9 +262,3 @@ class FeasibilityChecker:
             1.0 - candidate.score,
         ]
         return float(np.dot(_WEIGHTS, terms))
-
-
-def _path_failure(path: ObjectPath) -> Failure | None:
-    if not path.converged:
-        return Failure.NOT_CONVERGED
-    return Failure.OBJECT_COLLISION if path.excess > _OBJECT_CONTACT else None

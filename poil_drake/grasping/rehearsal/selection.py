@@ -11,13 +11,18 @@ import numpy as np
 from poil_drake.errors import NoFeasibleGraspError
 from poil_drake.geometry.scene_cloud import SceneCloud
 from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
-from poil_drake.grasping.rehearsal.feasibility import Failure, Feasibility, FeasibilityConfig
 from poil_drake.grasping.rehearsal.object_path import (
     ObjectPath,
     ObjectPathConfig,
     predict_object_path,
 )
-from poil_drake.grasping.rehearsal.rehearsal import FeasibilityChecker
+from poil_drake.grasping.rehearsal.rehearsal import (
+    Failure,
+    Feasibility,
+    FeasibilityChecker,
+    FeasibilityConfig,
+)
+from poil_drake.robots.inverse_kinematics import distinct_solutions
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.worker_executor import run_in_halves
 from poil_drake.transfer.matching import Matching
@@ -86,7 +91,7 @@ def rank_grasps(
         for matching in matchings
     ]
     checker = FeasibilityChecker(model=model, scene=scene, config=feasibility)
-    rehearse = partial(_best_findings, checker=checker, paths=paths)
+    rehearse = partial(_best_findings, model=model, checker=checker, paths=paths)
     best: list[list[Feasibility | None]] = []
     while len(best) < len(candidates):
         if progress:
@@ -109,11 +114,12 @@ def rank_grasps(
 def _best_findings(
     candidates: Sequence[GraspCandidate],
     *,
+    model: PandaModel,
     checker: FeasibilityChecker,
     paths: Sequence[ObjectPath],
 ) -> list[list[Feasibility | None]]:
     """Returns each grasp's best finding on each path, or None if it is out of the arm's reach."""
-    configurations = checker.configurations(candidates)
+    configurations = distinct_solutions(model, np.array([grasp.X_WG for grasp in candidates]))
     best: list[list[Feasibility | None]] = [[] for _ in candidates]
     for path in paths:
         findings = checker.rehearse(candidates, configurations, path)

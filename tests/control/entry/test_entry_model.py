@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from poil_drake.control.entry.entry_clearance import EntryClearanceConfig
 from poil_drake.errors import InvalidValueError, TrackingError
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
-from poil_drake.planning.pose_vectors import poses_of, vectors_of
+from poil_drake.planning.rrt_connect import poses_of, vectors_of
 
 NEARBY = make_transform(rotation_exp([0.2, -0.3, 0.5]), [-0.1, 0.2, 0.3])
 

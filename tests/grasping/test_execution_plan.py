@@ -1,18 +1,17 @@
 import io
 import json
 import zipfile
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_equal
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.grasping import plan_file
-from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.grasping.plan_file import FORMAT_VERSION, PlanFileError
+from poil_drake.grasping import execution_plan
+from poil_drake.grasping.execution_plan import FORMAT_VERSION, ExecutionPlan, PlanFileError
 
 
 @pytest.fixture
@@ -32,25 +31,19 @@ def rewritten(data: bytes, in_header: dict | None = None, **changes) -> bytes:
     return stream.getvalue()
 
 
+def values(plan) -> dict:
+    """Returns the fields of a plan, or of a part of it, by name; parts become dictionaries."""
+    found = {field.name: getattr(plan, field.name) for field in fields(plan)}
+    return {name: values(v) if is_dataclass(v) else v for name, v in found.items()}
+
+
 def test_save_and_load_preserve_the_plan(plan, tmp_path):
     plan.save(tmp_path / "new" / "plan.npz")
 
     back = ExecutionPlan.load(tmp_path / "new" / "plan.npz")
 
-    for name in ("target_points", "object_points", "part_points", "nominal_posture"):
-        assert_array_equal(getattr(back, name), getattr(plan, name))
-    for owner in ("reference", "approach", "descent"):
-        for name in ("times", "positions", "velocities"):
-            assert_array_equal(
-                getattr(getattr(back, owner), name), getattr(getattr(plan, owner), name)
-            )
-    assert_array_equal(back.grasp.X_WG, plan.grasp.X_WG)
-    assert_array_equal(back.grasp.contact_points, plan.grasp.contact_points)
-    for name in ("width", "pregrasp_width", "score"):
-        assert getattr(back.grasp, name) == getattr(plan.grasp, name)
-    assert (back.object_label, back.part_label) == ("mug", "handle")
+    assert_equal(values(back), values(plan))
     assert (back.lift_height, back.retreat_distance) == (0.06, 0.1)
-    assert dict(back.metadata) == dict(plan.metadata)
     assert [p.name for p in (tmp_path / "new").iterdir()] == ["plan.npz"]
 
 
@@ -61,7 +54,7 @@ def test_arrays_of_a_plan_are_read_only(plan):
 
 
 def test_missing_file_is_named(tmp_path):
-    with pytest.raises(PlanFileError, match=r"There is no plan .*nowhere\.npz"):
+    with pytest.raises(PlanFileError, match=r"nowhere\.npz' cannot be read: No such file"):
         ExecutionPlan.load(tmp_path / "nowhere.npz")
 
 
@@ -89,8 +82,8 @@ def test_entry_without_content_is_named(data):
         ({"target_points": None}, "The plan 'the log' has no entry 'target_points'"),
         ({"reference.times": None}, "has no entry 'reference.times'"),
         ({"grasp.X_WG": None}, "has no entry 'grasp.X_WG'"),
-        ({"header": None}, "has no entry 'header'"),
-        ({"header": np.array("{")}, "header of the plan 'the log' is damaged"),
+        ({"header": None}, "'the log' cannot be read: the entry 'header' is missing"),
+        ({"header": np.array("{")}, "'the log' cannot be read: Expecting property name"),
         ({"target_points": np.zeros((2, 3))}, r"ExecutionPlan.target_points has shape \(2, 3\)"),
         ({"target_points": np.array(["a"])}, "could not convert string"),
         (
@@ -98,27 +91,20 @@ def test_entry_without_content_is_named(data):
             | {f"descent.{name}": np.zeros((3, 6)) for name in ("positions", "velocities")},
             "descent moves 6 joints",
         ),
+        (
+            {"in_header": {"format_version": FORMAT_VERSION + 1}},
+            f"format version {FORMAT_VERSION + 1}",
+        ),
+        ({"in_header": {"object_label": 3}}, "object_label is 3, but a string"),
+        ({"in_header": {"lift_height": "high"}}, "lift_height is 'high', but a finite number"),
+        ({"in_header": {"retreat_distance": float("nan")}}, "retreat_distance is nan"),
+        ({"in_header": {"grasp.width": None}}, "grasp.width is None"),
+        ({"in_header": {"metadata": [1]}}, r"metadata is \[1\], but a mapping"),
     ],
 )
 def test_wrong_entries_are_named(data, changes, says):
     with pytest.raises(PlanFileError, match=says):
         ExecutionPlan.from_bytes(rewritten(data, **changes), name="the log")
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"format_version": FORMAT_VERSION + 1}, f"format version {FORMAT_VERSION + 1}"),
-        ({"object_label": 3}, "object_label is 3, but a string"),
-        ({"lift_height": "high"}, "lift_height is 'high', but a finite number"),
-        ({"retreat_distance": float("nan")}, "retreat_distance is nan"),
-        ({"grasp.width": None}, "grasp.width is None"),
-        ({"metadata": [1]}, r"metadata is \[1\], but a mapping"),
-    ],
-)
-def test_wrong_header_values_are_named(data, changes, says):
-    with pytest.raises(PlanFileError, match=says):
-        ExecutionPlan.from_bytes(rewritten(data, changes), name="the log")
 
 
 def load_damaged(data: bytes) -> None:
@@ -183,7 +169,7 @@ def test_descent_must_begin_where_the_approach_ends(plan):
 
 
 def test_rejects_a_plan_that_unpacks_to_too_much(data, monkeypatch):
-    monkeypatch.setattr(plan_file, "LARGEST_PLAN", 1000)
+    monkeypatch.setattr(execution_plan, "LARGEST_PLAN", 1000)
 
     with pytest.raises(PlanFileError, match="unpacks to more than"):
         ExecutionPlan.from_bytes(data, name="the log")
