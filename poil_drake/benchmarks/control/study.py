@@ -16,8 +16,8 @@ from poil_drake.benchmarks.control.arena.direct_actuation import Slip
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import NearDemonstrations, TaskDemonstration
 from poil_drake.benchmarks.control.pictures import draw_pictures
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
-from poil_drake.benchmarks.control.point_policy.weight_cache import load_or_train
+from poil_drake.benchmarks.control.point_policy.network import TrainedPointPolicy
+from poil_drake.benchmarks.control.point_policy.training import load_or_train
 from poil_drake.benchmarks.control.policies.policies import LEARNED, ROWS, MakePolicy
 from poil_drake.benchmarks.control.starts import (
     Region,

@@ -12,7 +12,7 @@ from poil_drake.benchmarks.control import study as dut
 from poil_drake.benchmarks.control.arena.direct_actuation import NO_SLIP
 from poil_drake.benchmarks.control.arena.tasks import TASKS
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
 from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.errors import InvalidValueError

@@ -19,9 +19,8 @@ from poil_drake.benchmarks.control.demonstration import (
     TaskDemonstration,
     TaskReference,
 )
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.policy import PointPolicy
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.policies.point_set import FieldPolicy, SafeEntryPolicy
 from poil_drake.benchmarks.control.policies.policy import Policy
 from poil_drake.benchmarks.control.policies.scripted import OpenLoopPolicy
