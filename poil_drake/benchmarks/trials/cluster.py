@@ -10,7 +10,7 @@ from concurrent.futures import Future
 from types import ModuleType
 from typing import Any
 
-from poil_drake.benchmarks.trials.worker import run_trial
+from poil_drake.benchmarks.trials.processes import run_trial
 from poil_drake.errors import InvalidValueError, MissingDependencyError
 
 _CONNECTION_TIMEOUT = 10.0  # [s]
@@ -66,7 +66,7 @@ class ClusterWorkers:
         self._first = (ray.put(function), ray.put(shared))
 
     def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
-        """Returns the future outcome of a trial, pickled by `worker.run_trial`."""
+        """Returns the future outcome of a trial, pickled by `processes.run_trial`."""
         reference = self._task.remote(*self._first, arguments)
         self._running.add(reference)
         future = reference.future()

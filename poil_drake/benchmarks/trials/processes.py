@@ -1,13 +1,19 @@
-"""Worker processes on this machine, each of which runs one trial at a time."""
+"""Worker processes on this machine, each of which runs one trial at a time, and their program."""
 
 import os
 import pickle
+import runpy
+import select
 import sys
+import threading
+import traceback
+import types
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any
 
-from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess
+from poil_drake.errors import PoilError
+from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess, serve
 
 
 class ProcessWorkers:
@@ -46,14 +52,14 @@ class ProcessWorkers:
         self._closed = False
 
     def submit(self, arguments: tuple[Any, ...]) -> Future[bytes]:
-        """Returns the future outcome of a trial, pickled by `worker.run_trial`."""
+        """Returns the future outcome of a trial, pickled by `run_trial`."""
         return self._executor.submit(self._run, arguments)
 
     def _run(self, arguments: tuple[Any, ...]) -> bytes:
         try:
             worker, trials = self._idle.pop()
         except IndexError:
-            worker, trials = WorkerProcess("poil_drake.benchmarks.trials.worker", self._setup), 0
+            worker, trials = WorkerProcess(__name__, self._setup), 0
             self._workers.append(worker)
             if self._closed:
                 worker.kill()
@@ -73,3 +79,47 @@ class ProcessWorkers:
         self._executor.shutdown()
         for worker in self._workers:
             worker.end()
+
+
+def run_trial(
+    function: Callable[..., Any], shared: tuple[Any, ...], arguments: tuple[Any, ...]
+) -> bytes:
+    """Returns the pickled outcome of a trial: (result, error, traceback of the error).
+
+    The error is None if the trial succeeds. A `PoilError` is returned as it was raised; any other
+    exception becomes a RuntimeError with its text, because not every exception can be pickled.
+    """
+    try:
+        return pickle.dumps((function(*shared, *arguments), None, ""))
+    except Exception as error:
+        text = traceback.format_exc()
+        if not isinstance(error, PoilError):
+            error = RuntimeError(f"{type(error).__name__}: {error}")
+        return pickle.dumps((None, error, text))
+
+
+def _make_handler(
+    setup: tuple[int, str | None, bytes],
+) -> Callable[[tuple[Any, ...]], bytes]:
+    parent, script, pickled = setup
+    if script is not None:
+        main = types.ModuleType("__mp_main__")
+        main.__dict__.update(runpy.run_path(script, run_name="__mp_main__"))
+        sys.modules["__main__"] = sys.modules["__mp_main__"] = main
+    function, shared = pickle.loads(pickled)
+    threading.Thread(target=_exit_with, args=(os.pidfd_open(parent),), daemon=True).start()
+    return lambda arguments: run_trial(function, shared, arguments)
+
+
+def _exit_with(process: int) -> None:
+    """Waits until the process with a pidfd ends; then ends this process, even in a trial."""
+    select.select([process], [], [])
+    os._exit(1)
+
+
+if __name__ == "__main__":
+    serve(_make_handler)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # Skips Python's shutdown: OMPL's bindings would report every type that a failed trial uses.
+    os._exit(0)
