@@ -6,9 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from poil_drake.benchmarks.pipeline import pipeline
-from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark, summarize
-from poil_drake.benchmarks.pipeline.trial import Trial, lost_trial, run_trial
+from poil_drake.benchmarks import pipeline
+from poil_drake.benchmarks.pipeline import (
+    Trial,
+    lost_trial,
+    run_pipeline_benchmark,
+    run_trial,
+    summarize,
+)
 from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
