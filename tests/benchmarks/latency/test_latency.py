@@ -9,8 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from poil_drake.benchmarks.latency.control_path import ControlPath
-from poil_drake.benchmarks.latency.latency import BASELINE, PATH, run_latency_benchmark, summarize
-from poil_drake.benchmarks.latency.states import OFFSETS, make_states, moving_body
+from poil_drake.benchmarks.latency.latency import (
+    BASELINE,
+    OFFSETS,
+    PATH,
+    make_states,
+    moving_body,
+    run_latency_benchmark,
+    summarize,
+)
 
 
 def test_all_subjects_are_timed_and_written(
