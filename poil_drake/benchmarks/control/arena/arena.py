@@ -11,16 +11,14 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 
 from poil_drake.benchmarks.control.arena.contact_monitor import ContactMonitor
-from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking
 from poil_drake.benchmarks.control.arena.direct_actuation import (
     ActuationConfig,
     DirectActuation,
     Slip,
 )
-from poil_drake.benchmarks.control.arena.point_observer import PointObserver
-from poil_drake.benchmarks.control.arena.task import MODELS, ControlTask
-from poil_drake.benchmarks.control.policies.policy import Policy
-from poil_drake.benchmarks.control.policies.policy_system import PolicySystem
+from poil_drake.benchmarks.control.arena.observation import DelayedTracking, PointObserver
+from poil_drake.benchmarks.control.arena.tasks import MODELS, ControlTask
+from poil_drake.benchmarks.control.policies.policy import Policy, PolicySystem
 
 _MODULUS = 1e7  # [Pa], hard rubber: a force of 5 N indents boxes by micrometres, a rod by 3 mm.
 _RESOLUTION = 0.01  # Of the meshes of round shapes [m].

@@ -10,7 +10,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 from poil_drake.benchmarks.control.arena.arena import AddTaskPlant, ArenaConfig, PlaceModel
-from poil_drake.benchmarks.control.arena.surface_cloud import ModelCloud
+from poil_drake.benchmarks.control.arena.shape_surface import shape_surface
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import (
     RECORDING_PERIOD,
@@ -148,6 +148,8 @@ def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
 def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
     """Returns points on the scene and on the object at the start of the demonstration.
 
+    They lie on the collision geometries, `_CLOUD_SPACING` apart.
+
     Returns:
         scene: (P, 3) points on the fixtures, without the table [m, world].
         body: (Q, 3) points on the object [m, world].
@@ -159,7 +161,14 @@ def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
     PlaceModel(plant, context, body, shown.X_WO[0], shown.shape)
 
     def cloud(model: ModelInstanceIndex) -> np.ndarray:
-        return ModelCloud(plant, context, scene_graph.model_inspector(), model, _CLOUD_SPACING)
+        inspector, points = scene_graph.model_inspector(), []
+        for index in plant.GetBodyIndices(model):
+            part = plant.get_body(index)
+            X_WB = plant.EvalBodyPoseInWorld(context, part)
+            for geometry in plant.GetCollisionGeometriesForBody(part):
+                surface = shape_surface(inspector.GetShape(geometry), _CLOUD_SPACING).T
+                points.append((X_WB @ (inspector.GetPoseInFrame(geometry) @ surface)).T)
+        return np.concatenate(points)
 
     links = [fixture.link for fixture in made.fixtures if fixture.link != "table"]
     scene = [cloud(plant.GetBodyByName(link).model_instance()) for link in links]

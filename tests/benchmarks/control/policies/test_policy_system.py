@@ -1,8 +1,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist
-from poil_drake.benchmarks.control.policies.policy_system import PolicySystem
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, PolicySystem
 
 HAND = [0.5, 0.0, 0.0]
 
