@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.benchmarks.control.arena.arena import Arena, ArenaConfig
+from poil_drake.benchmarks.control.arena.arena import ARENA, Arena
 from poil_drake.benchmarks.control.arena.direct_actuation import Slip
 from poil_drake.benchmarks.control.arena.observation import DelayedTracking, TrackingConfig
 from poil_drake.benchmarks.control.arena.tasks import TASKS, MakeTask
@@ -175,7 +175,7 @@ def write_figures(trials: Sequence[ControlTrial], config: ControlStudyConfig, pa
     """Writes the results of trials and the settings of the study as JSON."""
     figures = {
         "config": asdict(config),
-        "arena": asdict(ArenaConfig()),
+        "arena": asdict(ARENA),
         "trial": asdict(TrialConfig()),
         "hard": asdict(HARD) if config.hard else None,
         "policies": {name: asdict(LEARNED[name]) for name in config.policies if name in LEARNED},

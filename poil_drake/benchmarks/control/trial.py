@@ -133,7 +133,7 @@ def RunTrial(
         strain=float(strains.max()),
         typical_strain=float(np.median(strains, axis=1).max()),
         path=poses[:, :3, 3],
-        note=str(getattr(arena.policy_state(context), "note", "")),
+        note=arena.note(context),
     )
 
 

@@ -58,9 +58,12 @@ class Policy(Protocol):
     def step(self, state: Any, observation: Observation) -> tuple[Any, CommandedTwist]:
         """Returns the next state and the motion until the next step.
 
-        The argument `state` is not modified. An attribute `note` of the last state becomes
-        `ControlTrial.note`.
+        The argument `state` is not modified.
         """
+
+    def note(self, state: Any) -> str:
+        """Returns a remark on a state, for `ControlTrial.note`; empty by default."""
+        return ""
 
 
 class PolicySystem(LeafSystem):
@@ -113,9 +116,9 @@ class PolicySystem(LeafSystem):
             self.DeclareVectorOutputPort(name, size, partial(self._calc, name), ticket)
         self.DeclarePeriodicUnrestrictedUpdateEvent(policy.period, 0.0, self._step)
 
-    def GetPolicyState(self, context: Context) -> object:
-        """Returns the policy's state in this system's context."""
-        return context.get_abstract_state(self._state).get_value()[0]
+    def GetNote(self, context: Context) -> str:
+        """Returns the policy's remark on its state in this system's context."""
+        return self._policy.note(context.get_abstract_state(self._state).get_value()[0])
 
     def _step(self, context: Context, state: State) -> None:
         before, _ = context.get_abstract_state(self._state).get_value()
