@@ -1,7 +1,6 @@
 """Compares the theory of the field with simulation: saddles, sampling, delay and noise."""
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,62 +44,63 @@ def run_stability_study(*, pictures: Path, json_path: Path) -> dict[str, Any]:
         The results by study: "escape", "sampling", "delay" and "noise".
     """
     studies = {
-        "escape": (measure_escape, draw_escape),
-        "sampling": (measure_sampling, draw_sampling),
-        "delay": (measure_delay, draw_delay),
-        "noise": (measure_noise, draw_noise),
+        "escape": (measure_escape, _draw_escape, (7.4, 4.6)),
+        "sampling": (measure_sampling, _draw_sampling, (13.5, 4.3)),
+        "delay": (measure_delay, _draw_delay, (12.0, 4.8)),
+        "noise": (measure_noise, _draw_noise, (7.4, 4.6)),
     }
     pictures.mkdir(parents=True, exist_ok=True)
     figures = {}
-    for name, (measure, draw) in studies.items():
+    for name, (measure, draw, size) in studies.items():
         figures[name] = measure()
-        draw(figures[name], pictures / f"control_{name}.png")
+        with mpl.rc_context(_STYLE):
+            figure = Figure(figsize=size, layout="constrained")
+            draw(figure, figures[name])
+            figure.savefig(pictures / f"control_{name}.png")
     write_json(figures, json_path)
     return figures
 
 
-def draw_escape(figures: Mapping[str, Any], path: Path) -> None:
+def _draw_escape(figure: Figure, figures: Mapping[str, Any]) -> None:
     """Draws the results of `measure_escape`: times to leave the saddles against initial angles."""
-    with _figure(path, width=7.4, height=4.6) as figure:
-        axes = figure.subplots()
-        markers = ("o", "s", "^")
-        for way in sorted(figures["ways"], key=lambda way: -way["predicted"][0]):
-            color = _COLORS[way["saddle"] - 1]
-            axes.plot(figures["distances"], way["predicted"], color=color, linewidth=1.2)
-            axes.plot(
-                figures["distances"],
-                way["times"],
-                markers[way["axis"] - 1],
-                color=color,
-                markersize=4 + 3 * (3 - way["saddle"]),
-                markerfacecolor="none",
-                label=f"saddle {way['saddle']} about axis {way['axis']}: rate {way['rate']:.2f}, "
-                f"measured slope {way['slope']:.2f}",
-            )
-        axes.set_xscale("log")
-        axes.invert_xaxis()
-        axes.set(
-            xlabel="angle from the saddle at the start [rad]",
-            ylabel=f"η × time until {figures['end']:g} rad away",
+    axes = figure.subplots()
+    markers = ("o", "s", "^")
+    for way in sorted(figures["ways"], key=lambda way: -way["predicted"][0]):
+        color = _COLORS[way["saddle"] - 1]
+        axes.plot(figures["distances"], way["predicted"], color=color, linewidth=1.2)
+        axes.plot(
+            figures["distances"],
+            way["times"],
+            markers[way["axis"] - 1],
+            color=color,
+            markersize=4 + 3 * (3 - way["saddle"]),
+            markerfacecolor="none",
+            label=f"saddle {way['saddle']} about axis {way['axis']}: rate {way['rate']:.2f}, "
+            f"measured slope {way['slope']:.2f}",
         )
-        moments = " : ".join(f"{m:g}" for m in figures["moments"])
-        axes.set_title(f"Leaving the saddles: eigenvalues of W are {moments}", loc="left")
-        axes.plot([], [], color=_GREY, linewidth=1.2, label="lines: closed form, slope 1 / rate")
-        axes.legend(loc="upper left")
-        axes.set_ylim(0.0, 1.35 * max(np.max(way["times"]) for way in figures["ways"]))
+    axes.set_xscale("log")
+    axes.invert_xaxis()
+    axes.set(
+        xlabel="angle from the saddle at the start [rad]",
+        ylabel=f"η × time until {figures['end']:g} rad away",
+    )
+    moments = " : ".join(f"{m:g}" for m in figures["moments"])
+    axes.set_title(f"Leaving the saddles: eigenvalues of W are {moments}", loc="left")
+    axes.plot([], [], color=_GREY, linewidth=1.2, label="lines: closed form, slope 1 / rate")
+    axes.legend(loc="upper left")
+    axes.set_ylim(0.0, 1.35 * max(np.max(way["times"]) for way in figures["ways"]))
 
 
-def draw_sampling(figures: Mapping[str, Any], path: Path) -> None:
+def _draw_sampling(figure: Figure, figures: Mapping[str, Any]) -> None:
     """Draws the results of `measure_sampling` in three panels: runs, rotations, point sets."""
-    with _figure(path, width=13.5, height=4.3) as figure:
-        left, middle, right = figure.subplots(1, 3)
-        _draw_runs(left, figures["runs"], mpl.colormaps["viridis"])
-        _draw_rotations(middle, figures["sets"])
-        _draw_conditions(right, figures)
+    left, middle, right = figure.subplots(1, 3)
+    _draw_runs(left, figures["runs"])
+    _draw_rotations(middle, figures["sets"])
+    _draw_conditions(right, figures)
 
 
-def _draw_runs(axes: Any, runs: Mapping[str, Any], colormap: Any) -> None:
-    shades = colormap(np.linspace(0.05, 0.85, len(runs)))
+def _draw_runs(axes: Any, runs: Mapping[str, Any]) -> None:
+    shades = mpl.colormaps["viridis"](np.linspace(0.05, 0.85, len(runs)))
     for (gain, potentials), shade in zip(runs.items(), shades, strict=True):
         axes.semilogy(potentials, ".-", color=shade, linewidth=1.2, label=gain)
     axes.set(ylim=(1e-9, 5.0), xlabel="periods", ylabel="D / D at the start")
@@ -148,12 +148,11 @@ def _draw_conditions(axes: Any, figures: Mapping[str, Any]) -> None:
     axes.legend(loc="upper right")
 
 
-def draw_delay(figures: Mapping[str, Any], path: Path) -> None:
+def _draw_delay(figure: Figure, figures: Mapping[str, Any]) -> None:
     """Draws the results of `measure_delay`: the map over delay and period, and a run."""
-    with _figure(path, width=12.0, height=4.8) as figure:
-        left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
-        _draw_delay_map(left, figures)
-        _draw_delayed_run(right, figures["tracker"])
+    left, right = figure.subplots(1, 2, width_ratios=[1.15, 1.0])
+    _draw_delay_map(left, figures)
+    _draw_delayed_run(right, figures["tracker"])
 
 
 def _draw_delay_map(axes: Any, figures: Mapping[str, Any]) -> None:
@@ -202,39 +201,29 @@ def _draw_delayed_run(axes: Any, tracker: Mapping[str, Any]) -> None:
     axes.legend(loc="upper right")
 
 
-def draw_noise(figures: Mapping[str, Any], path: Path) -> None:
+def _draw_noise(figure: Figure, figures: Mapping[str, Any]) -> None:
     """Draws the results of `measure_noise`: noise against the condition number of the points."""
-    with _figure(path, width=7.4, height=4.6) as figure:
-        axes = figure.subplots()
-        condition = figures["condition"]
-        noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
-        for predicted, measured, color, marker, size, label in (
-            ("predicted", "measured", _COLORS[1], "o", 8, "least squares"),
-            ("predicted_limited", "limited", _COLORS[0], "s", 4, f"slowed below {floor:g} mm"),
-        ):
-            axes.loglog(condition, np.degrees(figures[predicted]), color=color, linewidth=1.2)
-            axes.loglog(
-                condition,
-                np.degrees(figures[measured]),
-                marker,
-                color=color,
-                markersize=size,
-                markerfacecolor="none",
-                label=f"about the line: {label}",
-            )
+    axes = figure.subplots()
+    condition = figures["condition"]
+    noise, floor = 1e3 * figures["point_noise"], 1e3 * figures["min_rotation_spread"]
+    for predicted, measured, color, marker, size, label in (
+        ("predicted", "measured", _COLORS[1], "o", 8, "least squares"),
+        ("predicted_limited", "limited", _COLORS[0], "s", 4, f"slowed below {floor:g} mm"),
+    ):
+        axes.loglog(condition, np.degrees(figures[predicted]), color=color, linewidth=1.2)
         axes.loglog(
-            condition, np.degrees(figures["across"]), color=_COLORS[2], label="about the other axes"
+            condition,
+            np.degrees(figures[measured]),
+            marker,
+            color=color,
+            markersize=size,
+            markerfacecolor="none",
+            label=f"about the line: {label}",
         )
-        axes.plot([], [], color=_GREY, label="lines: to first order in the noise")
-        axes.set(xlabel="condition number of A", ylabel="standard deviation of ω / η [deg]")
-        axes.set_title(f"8 points along 10 cm, {noise:g} mm of noise", loc="left")
-        axes.legend(loc="upper left")
-
-
-@contextmanager
-def _figure(path: Path, *, width: float, height: float) -> Iterator[Figure]:
-    """Yields an empty figure in the style of these pictures, and writes it at exit."""
-    with mpl.rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        yield figure
-        figure.savefig(path)
+    axes.loglog(
+        condition, np.degrees(figures["across"]), color=_COLORS[2], label="about the other axes"
+    )
+    axes.plot([], [], color=_GREY, label="lines: to first order in the noise")
+    axes.set(xlabel="condition number of A", ylabel="standard deviation of ω / η [deg]")
+    axes.set_title(f"8 points along 10 cm, {noise:g} mm of noise", loc="left")
+    axes.legend(loc="upper left")
