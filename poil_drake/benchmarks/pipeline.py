@@ -4,7 +4,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -56,8 +56,8 @@ class Trial:
     task: str
     seed: int
     object_model: str
-    success: bool
-    cause: str
+    success: bool = False
+    cause: str = ""
     final_error: float = np.nan
     tracking_errors: tuple[float, float] = (np.nan, np.nan)
     worst_tracking_error: float = np.nan
@@ -133,8 +133,7 @@ def run_trial(
 
     An error becomes the trial's cause of failure.
     """
-    scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
-    model = _object_model(scenario)
+    scenario, trial = _prepare(task, seed, tracker)
     try:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / f"{task}.mcap"
@@ -145,15 +144,12 @@ def run_trial(
         )
     except Exception as error:
         problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
-        cause = f"{type(error).__name__}: {problem}"
-        return Trial(task=task, seed=seed, object_model=model, success=False, cause=cause)
+        return replace(trial, cause=f"{type(error).__name__}: {problem}")
     timing, nothing = summary.timing, ErrorStatistics.of(np.zeros(0))
     tracking = summary.tracking_error or nothing
     carried = summary.carried_tracking_error or nothing
-    return Trial(
-        task=task,
-        seed=seed,
-        object_model=model,
+    return replace(
+        trial,
         success=summary.success,
         cause="" if summary.success else summary.reason,
         final_error=summary.mean_error,
@@ -171,13 +167,15 @@ def run_trial(
 
 def lost_trial(lost: LostTrial) -> Trial:
     """Returns the failed `Trial` that reports a `LostTrial`."""
-    task, seed, tracker = lost.arguments
-    model = _object_model(ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker))
-    return Trial(task=task, seed=seed, object_model=model, success=False, cause=str(lost))
+    _, trial = _prepare(*lost.arguments)
+    return replace(trial, cause=str(lost))
 
 
-def _object_model(scenario: Scenario) -> str:
-    return Path(ObjectDirective(scenario.directives, scenario.poil.object).file).stem
+def _prepare(task: str, seed: int, tracker: str | None) -> tuple[Scenario, Trial]:
+    """Returns the scenario of a trial, and the trial without a result."""
+    scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
+    model = Path(ObjectDirective(scenario.directives, scenario.poil.object).file).stem
+    return scenario, Trial(task=task, seed=seed, object_model=model)
 
 
 def _demonstration(task: str) -> bytes:
