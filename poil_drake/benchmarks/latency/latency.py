@@ -145,7 +145,7 @@ def _subjects() -> tuple[list[Subject], list[Subject]]:
 
     from poil_drake.benchmarks.latency.se3_bcsdm_torch import TorchSe3Bcsdm
 
-    times, X_WO, reference, body_points = moving_body(num_points=_POINTS, num_samples=_SAMPLES)
+    X_WO, reference, body_points = moving_body()
     states = {where: make_states(X_WO, body_points, where) for where in OFFSETS}
     subjects = []
     for test in ("rigidity", "velocity"):
@@ -167,7 +167,7 @@ def _subjects() -> tuple[list[Subject], list[Subject]]:
         batches.append(Subject(name, partial(_cycle, [batch]), field))
     poses = np.concatenate([some.poses for some in states.values()])
     poses = np.random.default_rng(0).permutation(poses)
-    pose_reference, config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()
+    pose_reference, config = PoseTrajectory.of(reference.times, X_WO), Se3BcsdmConfig()
     numpy_field = partial(se3_bcsdm, reference=pose_reference, config=config)
     torch_field, tensors = TorchSe3Bcsdm(pose_reference, config), torch.tensor(poses)[:, None]
     path = ControlPath(num_points=_POINTS, num_samples=_SAMPLES)
@@ -179,27 +179,24 @@ def _subjects() -> tuple[list[Subject], list[Subject]]:
     return subjects, batches
 
 
-def moving_body(
-    *, num_points: int, num_samples: int
-) -> tuple[np.ndarray, np.ndarray, PointTrajectory, np.ndarray]:
+def moving_body() -> tuple[np.ndarray, PointTrajectory, np.ndarray]:
     """Returns a body's motion in 4 s: a turn by 115 degrees on a curved path of half a metre.
 
     Returns:
-        times: (T,) sample times [s].
-        X_WO: (T, 4, 4) poses of the body.
+        X_WO: (T, 4, 4) poses of the body at the times of `reference`.
         reference: The motion of its points.
         points: (N, 3) the points in the body's frame, within 4 cm along each axis [m].
     """
-    times = np.linspace(0.0, 4.0, num_samples)
+    times = np.linspace(0.0, 4.0, _SAMPLES)
     s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
     axis = np.array([0.36, -0.48, 0.8])
     path = np.hstack([0.4 * s, 0.1 * np.sin(3.0 * s), 0.2 * s**2])
     X_WO = make_transform(rotation_exp(2.0 * s * axis), path)
-    points = np.random.default_rng(1).uniform(-0.04, 0.04, (num_points, 3))
+    points = np.random.default_rng(1).uniform(-0.04, 0.04, (_POINTS, 3))
     positions = transform_points(X_WO, points)
     velocities = np.gradient(positions, times, axis=0)
     velocities[-1] = 0.0
-    return times, X_WO, PointTrajectory(times, positions, velocities), points
+    return X_WO, PointTrajectory(times, positions, velocities), points
 
 
 class States(NamedTuple):
