@@ -74,14 +74,6 @@ def test_start_depends_on_the_trial_only(arena):
     np.testing.assert_array_equal(alone, later_first)
 
 
-def test_another_seed_means_other_trials():
-    first, other = (
-        dut.trial_generator("pnp_cube", "far", 2, seed=seed).random(4) for seed in (0, 1)
-    )
-
-    assert not np.any(first == other)
-
-
 def test_distance_is_that_to_the_box():
     task = MakeTask("pnp_cube")
     beside = task.start[:3, 3] + np.array([0.08, 0.09, 0.3])
