@@ -103,19 +103,15 @@ def run_pipeline_benchmark(
     arguments = [(task, seed, tracker) for task in tasks for seed in range(trials)]
     results: dict[int, Trial] = {}
     in_order: list[Trial] = []
-    with (
-        closing(
-            run_trials(
-                run_trial,
-                arguments,
-                shared=({task: _demonstration(task) for task in tasks},),
-                jobs=jobs,
-                ray_address=ray_address,
-                trials_per_worker=1,
-            )
-        ) as ends,
-        OneLineTqdm(total=len(arguments), desc="trials") as bar,
-    ):
+    ends = run_trials(
+        run_trial,
+        arguments,
+        shared=({task: _demonstration(task) for task in tasks},),
+        jobs=jobs,
+        ray_address=ray_address,
+        trials_per_worker=1,
+    )
+    with closing(ends), OneLineTqdm(total=len(arguments), desc="trials") as bar:
         for index, end in ends:
             results[index] = lost_trial(end) if isinstance(end, LostTrial) else end
             tqdm.write(_row(results[index]))

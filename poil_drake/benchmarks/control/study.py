@@ -133,20 +133,12 @@ def run_control_study(
     def in_order() -> list[ControlTrial]:
         return [results[index] for index in sorted(results)]
 
+    ends = run_trials(
+        run_control_trial, arguments, shared=(trained,), jobs=jobs, ray_address=ray_address
+    )
     written = time.monotonic()
     try:
-        with (
-            closing(
-                run_trials(
-                    run_control_trial,
-                    arguments,
-                    shared=(trained,),
-                    jobs=jobs,
-                    ray_address=ray_address,
-                )
-            ) as ends,
-            OneLineTqdm(total=len(arguments), desc="trials", smoothing=0.05) as bar,
-        ):
+        with closing(ends), OneLineTqdm(total=len(arguments), desc="trials", smoothing=0.05) as bar:
             for index, end in ends:
                 if isinstance(end, LostTrial):
                     task, region, policy, number, _ = arguments[index]
