@@ -29,6 +29,9 @@ PROGRESS = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 33))
 ARC = BODY @ np.swapaxes(rotation_exp(PROGRESS[:, None] * [0.0, 0.0, 0.5 * np.pi]), -1, -2)
 
 
+DEMONSTRATIONS = list(np.cumsum(np.random.default_rng(0).uniform(0.0, 0.01, (2, 12, 5, 3)), axis=1))
+
+
 def run(policy: PointPolicy, points: np.ndarray, steps: int) -> np.ndarray:
     """Returns the path (steps + 1, N, 3) of points (N, 3) that move as the policy commands."""
     state = policy.start()
@@ -131,10 +134,6 @@ def test_step_at_the_full_rate_is_that_of_adam() -> None:
     np.testing.assert_allclose(np.abs(dut.weights["head.w"]), 0.01, rtol=1e-3)
 
 
-def demonstrations() -> list[np.ndarray]:
-    return list(np.cumsum(np.random.default_rng(0).uniform(0.0, 0.01, (2, 12, 5, 3)), axis=1))
-
-
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The user's cache, empty."""
@@ -157,11 +156,11 @@ def trainings(monkeypatch: pytest.MonkeyPatch) -> list[PointPolicyConfig]:
 
 
 def test_same_policy_is_trained_once(cache: Path, trainings: list[PointPolicyConfig]) -> None:
-    first = load_or_train(demonstrations(), TINY)
-    again = load_or_train(demonstrations(), TINY)
+    first = load_or_train(DEMONSTRATIONS, TINY)
+    again = load_or_train(DEMONSTRATIONS, TINY)
 
     assert trainings == [TINY]
-    history = demonstrations()[0][: TINY.history]
+    history = DEMONSTRATIONS[0][: TINY.history]
     np.testing.assert_array_equal(first.predict(history), again.predict(history))
     assert len(list(cache.iterdir())) == 1
 
@@ -170,9 +169,9 @@ def test_other_settings_or_data_are_another_policy(
     cache: Path, trainings: list[PointPolicyConfig]
 ) -> None:
     other = dataclasses.replace(TINY, rotation_noise=0.06)
-    load_or_train(demonstrations(), TINY)
-    load_or_train(demonstrations(), other)
-    load_or_train(demonstrations()[:1], TINY)
+    load_or_train(DEMONSTRATIONS, TINY)
+    load_or_train(DEMONSTRATIONS, other)
+    load_or_train(DEMONSTRATIONS[:1], TINY)
 
     assert trainings == [TINY, other, TINY]
     assert len(list(cache.iterdir())) == 3
@@ -182,24 +181,23 @@ def test_other_settings_or_data_are_another_policy(
 def test_every_setting_changes_the_key(field: str) -> None:
     changed = dataclasses.replace(TINY, **{field: 2 * getattr(TINY, field) or 1})
 
-    assert training_key(demonstrations(), changed) != training_key(demonstrations(), TINY)
+    assert training_key(DEMONSTRATIONS, changed) != training_key(DEMONSTRATIONS, TINY)
 
 
 def test_one_number_or_the_cut_between_demonstrations_changes_the_key() -> None:
-    original = demonstrations()
-    nudged = demonstrations()
+    nudged = [one.copy() for one in DEMONSTRATIONS]
     nudged[1][3, 2, 1] += 1e-12
-    joined = np.concatenate(original)
+    joined = np.concatenate(DEMONSTRATIONS)
     cut_elsewhere = [joined[:10], joined[10:]]
 
-    keys = {training_key(data, TINY) for data in (original, nudged, cut_elsewhere)}
+    keys = {training_key(data, TINY) for data in (DEMONSTRATIONS, nudged, cut_elsewhere)}
 
     assert len(keys) == 3
 
 
 @pytest.mark.parametrize("damage", ["empty", "truncated", "flipped", "other"])
 def test_damaged_file_is_reported_with_its_path(damage: str, cache: Path) -> None:
-    load_or_train(demonstrations(), TINY)
+    load_or_train(DEMONSTRATIONS, TINY)
     (path,) = cache.glob("*/*.npz")
     content = path.read_bytes()
     middle = len(content) // 2
@@ -212,7 +210,7 @@ def test_damaged_file_is_reported_with_its_path(damage: str, cache: Path) -> Non
         path.write_bytes(content[: middle if damage == "truncated" else 0])
 
     with pytest.raises(InvalidValueError, match=str(path)):
-        load_or_train(demonstrations(), TINY)
+        load_or_train(DEMONSTRATIONS, TINY)
 
 
 def test_interrupted_training_leaves_no_file(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -222,6 +220,6 @@ def test_interrupted_training_leaves_no_file(cache: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(training.np, "savez", interrupted)
 
     with pytest.raises(KeyboardInterrupt):
-        load_or_train(demonstrations(), TINY)
+        load_or_train(DEMONSTRATIONS, TINY)
 
     assert list(cache.iterdir()) == []
