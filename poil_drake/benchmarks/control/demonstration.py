@@ -7,8 +7,7 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from poil_drake.benchmarks.control.arena.arena import Arena
-from poil_drake.benchmarks.control.arena.task import ControlTask
-from poil_drake.benchmarks.control.arena.tasks import MakeTask
+from poil_drake.benchmarks.control.arena.tasks import ControlTask, MakeTask
 from poil_drake.benchmarks.control.policies.scripted import ScriptedPolicy, pose_difference
 from poil_drake.benchmarks.control.starts import sample_start, trial_generator
 from poil_drake.control.reference.make_reference import make_reference, reference_from_samples

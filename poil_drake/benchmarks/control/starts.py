@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context
 from scipy.spatial.transform import Rotation
 
 from poil_drake.benchmarks.control.arena.arena import Arena
-from poil_drake.benchmarks.control.arena.task import NEAR_HALF, ControlTask
+from poil_drake.benchmarks.control.arena.tasks import NEAR_HALF, ControlTask
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import make_transform
 

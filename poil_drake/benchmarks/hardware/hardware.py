@@ -74,7 +74,7 @@ def run_hardware_benchmark(
         for seed in range(trials):
             trial_folder = Path(folder) / f"seed_{seed}"
             trial_folder.mkdir()
-            trial = run_trial(seed, demonstration, folder=trial_folder, **options)
+            trial = _run_trial(seed, demonstration, folder=trial_folder, **options)
             results.append(trial)
             tqdm.write(_row(trial))
             bar.update()
@@ -85,21 +85,10 @@ def run_hardware_benchmark(
     return results
 
 
-def run_trial(
+def _run_trial(
     seed: int, demonstration: Path, *, speed: float, time_scale: float, folder: Path
 ) -> HardwareTrial:
-    """Runs `poil run --hardware` against `poil driver` once.
-
-    Args:
-        seed: Seed of object, pose and noise.
-        demonstration: File of the demonstration.
-        speed: Speed of the motion, as a share of the simulated speed.
-        time_scale: Seconds of the robot's time per second.
-        folder: Folder for the files of both processes.
-
-    Raises:
-        StationError: if the driver does not start.
-    """
+    """Runs one trial, with the files of both processes in a folder."""
     shared = ["--seed", str(seed), "--time-scale", str(time_scale)]
     text = json.dumps({"poil": {"demonstration": str(demonstration)}})
     with simulated_driver([*shared, "--json", "driver.json"], folder):

@@ -11,7 +11,6 @@ from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, tr
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.robots.panda_kinematics import PandaModel
-from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
 from poil_drake.systems.fk_propagator import FkPropagator
@@ -58,21 +57,18 @@ class ControlPath:
         self._simulator.Initialize()
 
     def _make_systems(self, num_samples: int) -> dict[str, LeafSystem]:
-        period, stopwatch, kinematics = self._rates.control, Stopwatch(), MakePandaKinematics()
+        period, kinematics = self._rates.control, MakePandaKinematics()
         rest = JointTrajectory(
             np.array([0.0, 1.0]), np.tile(_START, (2, 1)), np.zeros((2, _START.size))
         )
         return {
             "propagator": FkPropagator(
-                num_points=len(self._in_hand),
-                kinematics=kinematics,
-                period=period,
-                stopwatch=stopwatch,
+                num_points=len(self._in_hand), kinematics=kinematics, period=period
             ),
             "controller": PointSetBcsdm(reference=self._reference(num_samples), period=period),
             "motion": MotionSource(approach=rest, descent=rest, period=period),
             "inverse_kinematics": DifferentialInverseKinematics(
-                kinematics=kinematics, period=period, stopwatch=stopwatch
+                kinematics=kinematics, period=period
             ),
         }
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from poil_drake.benchmarks.control.policies.se3_bcsdm import (
     PoseTrajectory,
@@ -18,8 +19,9 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import (
     se3_bcsdm,
 )
 from poil_drake.benchmarks.latency.control_path import ControlPath
-from poil_drake.benchmarks.latency.states import OFFSETS, make_states, moving_body
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig, point_set_bcsdm
+from poil_drake.control.reference.point_trajectory import PointTrajectory
+from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
 
@@ -30,6 +32,13 @@ _BATCH = 1000
 
 _WARM_UP = 50
 """Number of untimed ticks at the start, in which caches and libraries are set up."""
+
+_STATES, _OUTLIERS = 64, 2
+_NOISE = 1e-3
+"""Standard deviation of the noise in each coordinate of a tracked point [m]."""
+
+OFFSETS = {"near": (0.005, 3.0, 3.0), "far": (0.3, 60.0, 150.0)}
+"""Offsets of states from the motion: distance [m], smallest and largest angle [deg]."""
 
 BASELINE = "SE(3) BCSDM, PyTorch, 1 thread"
 PATH = "control path: FK propagation, field, IK"
@@ -136,7 +145,7 @@ def _subjects() -> tuple[list[Subject], list[Subject]]:
 
     from poil_drake.benchmarks.latency.se3_bcsdm_torch import TorchSe3Bcsdm
 
-    times, X_WO, reference, body_points = moving_body(num_points=_POINTS, num_samples=_SAMPLES)
+    X_WO, reference, body_points = moving_body()
     states = {where: make_states(X_WO, body_points, where) for where in OFFSETS}
     subjects = []
     for test in ("rigidity", "velocity"):
@@ -158,7 +167,7 @@ def _subjects() -> tuple[list[Subject], list[Subject]]:
         batches.append(Subject(name, partial(_cycle, [batch]), field))
     poses = np.concatenate([some.poses for some in states.values()])
     poses = np.random.default_rng(0).permutation(poses)
-    pose_reference, config = PoseTrajectory.of(times, X_WO), Se3BcsdmConfig()
+    pose_reference, config = PoseTrajectory.of(reference.times, X_WO), Se3BcsdmConfig()
     numpy_field = partial(se3_bcsdm, reference=pose_reference, config=config)
     torch_field, tensors = TorchSe3Bcsdm(pose_reference, config), torch.tensor(poses)[:, None]
     path = ControlPath(num_points=_POINTS, num_samples=_SAMPLES)
@@ -168,6 +177,64 @@ def _subjects() -> tuple[list[Subject], list[Subject]]:
         Subject(PATH, lambda tick: path.prepare(), lambda _: path.step()),
     ]
     return subjects, batches
+
+
+def moving_body() -> tuple[np.ndarray, PointTrajectory, np.ndarray]:
+    """Returns a body's motion in 4 s: a turn by 115 degrees on a curved path of half a metre.
+
+    Returns:
+        X_WO: (T, 4, 4) poses of the body at the times of `reference`.
+        reference: The motion of its points.
+        points: (N, 3) the points in the body's frame, within 4 cm along each axis [m].
+    """
+    times = np.linspace(0.0, 4.0, _SAMPLES)
+    s = np.sin(0.5 * np.pi * times / times[-1])[:, None]
+    axis = np.array([0.36, -0.48, 0.8])
+    path = np.hstack([0.4 * s, 0.1 * np.sin(3.0 * s), 0.2 * s**2])
+    X_WO = make_transform(rotation_exp(2.0 * s * axis), path)
+    points = np.random.default_rng(1).uniform(-0.04, 0.04, (_POINTS, 3))
+    positions = transform_points(X_WO, points)
+    velocities = np.gradient(positions, times, axis=0)
+    velocities[-1] = 0.0
+    return X_WO, PointTrajectory(times, positions, velocities), points
+
+
+class States(NamedTuple):
+    """S states of the body.
+
+    Attributes:
+        poses: (S, 4, 4) poses of the body.
+        clean: (S, N, 3) its points with a tracker's noise [m].
+        spoilt: (S, N, 3) the same, but with two of the points 5 to 10 cm off [m].
+    """
+
+    poses: np.ndarray
+    clean: np.ndarray
+    spoilt: np.ndarray
+
+
+def make_states(X_WO: np.ndarray, points: np.ndarray, where: str) -> States:
+    """Returns states of a body with points (N, 3), off a motion (T, 4, 4) by `OFFSETS[where]`."""
+    distance, smallest, largest = OFFSETS[where]
+    random = np.random.default_rng(2)
+    base = X_WO[random.integers(len(X_WO), size=_STATES)]
+    angle = np.radians(random.uniform(smallest, largest, (_STATES, 1)))
+    turns = Rotation.from_rotvec(angle * _directions(random, _STATES)).as_matrix()
+    shifts = distance * _directions(random, _STATES)
+    poses = make_transform(turns @ base[:, :3, :3], base[:, :3, 3] + shifts)
+    clean = transform_points(poses, points)
+    clean = clean + random.normal(scale=_NOISE, size=clean.shape)
+    spoilt = clean.copy()
+    for state in spoilt:
+        which = random.choice(len(points), _OUTLIERS, replace=False)
+        offsets = random.uniform(0.05, 0.1, (_OUTLIERS, 1))
+        state[which] += offsets * _directions(random, _OUTLIERS)
+    return States(poses, clean, spoilt)
+
+
+def _directions(random: np.random.Generator, count: int) -> np.ndarray:
+    v = random.normal(size=(count, 3))
+    return v / np.linalg.norm(v, axis=1, keepdims=True)
 
 
 def _cycle(states: Any, tick: int) -> Any:

@@ -7,8 +7,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from poil_drake.benchmarks.trials.cluster import ClusterWorkers
-from poil_drake.benchmarks.trials.processes import ProcessWorkers
+from poil_drake.benchmarks.trials.workers import ClusterWorkers, ProcessWorkers
 from poil_drake.errors import InvalidValueError
 
 Result = TypeVar("Result")

@@ -12,7 +12,7 @@ from poil_drake.benchmarks.control import study as dut
 from poil_drake.benchmarks.control.arena.direct_actuation import NO_SLIP
 from poil_drake.benchmarks.control.arena.tasks import TASKS
 from poil_drake.benchmarks.control.demonstration import TaskDemonstration
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig
 from poil_drake.benchmarks.control.trial import ControlTrial, RunTrial, TrialConfig
 from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.errors import InvalidValueError
@@ -145,23 +145,16 @@ def test_learned_policy_goes_through_the_study(tmp_path, monkeypatch):
     assert trial.note == ""
 
 
-def test_trial_that_an_error_ends_is_a_failure():
-    # No policy was trained.
-    trial = dut.run_control_trial({}, "pnp_cube", "near", "pp_1", 0)
-
-    assert not trial.success
-    assert not trial.collision_free
-    assert trial.note.startswith("KeyError")
-    assert trial.lost
-
-
-def test_trial_that_an_error_ends_keeps_the_distance_of_its_start(monkeypatch):
+def test_trial_that_an_error_ends_is_a_failure_with_its_distance(monkeypatch):
     expected = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
     monkeypatch.setattr(dut, "RunTrial", lambda *_, **__: 1 / 0)
 
     trial = dut.run_control_trial({}, "pnp_cube", "far", "field", 1)
 
     assert trial.lost
+    assert not trial.success
+    assert not trial.collision_free
+    assert trial.note.startswith("ZeroDivisionError")
     assert trial.distance == expected.distance > 0.0
 
 

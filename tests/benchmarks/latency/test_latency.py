@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from poil_drake.benchmarks.latency import latency
 from poil_drake.benchmarks.latency.control_path import ControlPath
-from poil_drake.benchmarks.latency.latency import BASELINE, PATH, run_latency_benchmark, summarize
-from poil_drake.benchmarks.latency.states import OFFSETS, make_states, moving_body
 
 
 def test_all_subjects_are_timed_and_written(
@@ -18,7 +17,7 @@ def test_all_subjects_are_timed_and_written(
 ) -> None:
     path = tmp_path / "new" / "latency.json"
 
-    rows = run_latency_benchmark(ticks=3, json_path=path)
+    rows = latency.run_latency_benchmark(ticks=3, json_path=path)
 
     read = json.loads(path.read_text())
     assert read["ticks"] == 3
@@ -31,7 +30,7 @@ def test_all_subjects_are_timed_and_written(
         for outliers in ("clean", "2 outliers")
     }
     fields |= {f"field, 1000 states at once, {where}, each" for where in ("near", "far")}
-    assert fields | {BASELINE, PATH, "SE(3) BCSDM, NumPy"} == names
+    assert fields | {latency.BASELINE, latency.PATH, "SE(3) BCSDM, NumPy"} == names
     for row in rows:
         assert 0.0 < row.p50 <= row.p99 <= row.p99_9 <= row.largest < math.inf
         assert 0.0 < row.ratio < math.inf
@@ -43,7 +42,7 @@ def test_figures_are_percentiles_in_microseconds_and_ratios_to_the_baseline() ->
     # 0 to 1000 us: the percentiles are their own names. The baseline takes 2000 us, always.
     field = np.arange(1001) * 1e-6
 
-    dut, baseline = summarize(["field", BASELINE], [field, np.full(10, 2e-3)])
+    dut, baseline = latency.summarize(["field", latency.BASELINE], [field, np.full(10, 2e-3)])
 
     figures = (dut.p50, dut.p99, dut.p99_9, dut.largest)
     assert figures == pytest.approx((500.0, 990.0, 999.0, 1000.0))
@@ -53,10 +52,10 @@ def test_figures_are_percentiles_in_microseconds_and_ratios_to_the_baseline() ->
 
 @pytest.mark.parametrize("where", ["near", "far"])
 def test_states_are_off_by_the_stated_distance_and_angle(where: str) -> None:
-    _, X_WO, reference, points = moving_body(num_points=10, num_samples=500)
-    distance, smallest, largest = OFFSETS[where]
+    X_WO, reference, points = latency.moving_body()
+    distance, smallest, largest = latency.OFFSETS[where]
 
-    states = make_states(X_WO, points, where)
+    states = latency.make_states(X_WO, points, where)
 
     assert reference.positions.shape == (500, 10, 3)
     for X in states.poses[:10]:
@@ -69,8 +68,8 @@ def test_states_are_off_by_the_stated_distance_and_angle(where: str) -> None:
 
 
 def test_two_points_of_a_spoilt_state_are_outliers() -> None:
-    _, X_WO, _, points = moving_body(num_points=10, num_samples=500)
-    states = make_states(X_WO, points, "near")
+    X_WO, _, points = latency.moving_body()
+    states = latency.make_states(X_WO, points, "near")
 
     off = np.linalg.norm(states.spoilt - states.clean, axis=2)
 

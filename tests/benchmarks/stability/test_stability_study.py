@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from poil_drake.benchmarks.stability.delay import delayed_flow, delayed_offsets
+from poil_drake.benchmarks.stability.measures import delayed_flow, delayed_offsets
 from poil_drake.benchmarks.stability.stability import run_stability_study
 from poil_drake.control.theory.stability import rotation_potential, rotation_velocity
 from poil_drake.geometry.rigid_transform import rotation_exp

@@ -11,16 +11,14 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, OutputPort
 
 from poil_drake.benchmarks.control.arena.contact_monitor import ContactMonitor
-from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking
 from poil_drake.benchmarks.control.arena.direct_actuation import (
     ActuationConfig,
     DirectActuation,
     Slip,
 )
-from poil_drake.benchmarks.control.arena.point_observer import PointObserver
-from poil_drake.benchmarks.control.arena.task import MODELS, ControlTask
-from poil_drake.benchmarks.control.policies.policy import Policy
-from poil_drake.benchmarks.control.policies.policy_system import PolicySystem
+from poil_drake.benchmarks.control.arena.observation import DelayedTracking, PointObserver
+from poil_drake.benchmarks.control.arena.tasks import MODELS, ControlTask
+from poil_drake.benchmarks.control.policies.policy import Policy, PolicySystem
 
 _MODULUS = 1e7  # [Pa], hard rubber: a force of 5 N indents boxes by micrometres, a rod by 3 mm.
 _RESOLUTION = 0.01  # Of the meshes of round shapes [m].
@@ -43,8 +41,11 @@ class ArenaConfig:
     actuation: ActuationConfig = field(default_factory=ActuationConfig)
 
 
+ARENA = ArenaConfig()
+
+
 def AddTaskPlant(
-    builder: DiagramBuilder, task: ControlTask, time_step: float
+    builder: DiagramBuilder, task: ControlTask
 ) -> tuple[MultibodyPlant, SceneGraph, RigidBody]:
     """Adds a plant with the task's object and fixtures.
 
@@ -55,7 +56,7 @@ def AddTaskPlant(
         The finalized plant, its scene graph, and the driven body.
     """
     config = MultibodyPlantConfig(
-        time_step=time_step,
+        time_step=ARENA.time_step,
         contact_model="hydroelastic_with_fallback",
         discrete_contact_approximation="lagged",
     )
@@ -121,10 +122,9 @@ class Arena:
         intended_contact: np.ndarray | None = None,
         tracker: DelayedTracking | None = None,
     ):
-        config = ArenaConfig()
         self.task, self._tracker = task, tracker
         builder = DiagramBuilder()
-        self._plant, scene_graph, self._body = AddTaskPlant(builder, task, config.time_step)
+        self._plant, scene_graph, self._body = AddTaskPlant(builder, task)
         plant, n, model = self._plant, len(task.link_points), self._body.model_instance()
         self._observer = PointObserver(
             plant=plant,
@@ -135,10 +135,10 @@ class Arena:
         self._policy = PolicySystem(
             policy=policy,
             num_points=n,
-            max_angular_speed=config.max_angular_speed,
-            max_linear_speed=config.max_linear_speed,
+            max_angular_speed=ARENA.max_angular_speed,
+            max_linear_speed=ARENA.max_linear_speed,
         )
-        self._hand = DirectActuation(plant=plant, body=self._body, config=config.actuation)
+        self._hand = DirectActuation(plant=plant, body=self._body, config=ARENA.actuation)
         self._monitor = ContactMonitor(
             plant=plant, body=self._body, num_points=n, intended=intended_contact
         )
@@ -178,9 +178,9 @@ class Arena:
         impulse, depth = (_evaluate(self._monitor, name, context) for name in ("impulse", "depth"))
         return float(impulse[0]), float(depth[0])
 
-    def policy_state(self, context: Context) -> object:
-        """Returns the policy's state."""
-        return self._policy.GetPolicyState(self._policy.GetMyContextFromRoot(context))
+    def note(self, context: Context) -> str:
+        """Returns the policy's remark on its state."""
+        return self._policy.GetNote(self._policy.GetMyContextFromRoot(context))
 
     def SetSlip(self, context: Context, slip: Slip) -> None:
         """Sets how the object will slip in the hand."""

@@ -1,7 +1,5 @@
 """Records the contact between an object and the scene."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from pydrake.common.value import Value
 from pydrake.geometry import GeometryId, QueryObject
@@ -11,20 +9,6 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 _TOLERANCE = 0.01
 """Largest mean distance of the points from an intended sample of `ContactMonitor` [m]."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CollisionThreshold:
-    """The contact above which a trial counts as a collision.
-
-    Attributes:
-        impulse: Total impulse of all contacts in a trial [N s]. 0.02 N s stop a 0.25 kg mug that
-            moves at 8 cm/s.
-        depth: Deepest penetration [m]. 1 N presses the mug's handle and the rod together by 1 mm.
-    """
-
-    impulse: float = 0.02
-    depth: float = 0.001
 
 
 class ContactMonitor(LeafSystem):

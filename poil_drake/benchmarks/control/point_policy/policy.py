@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
+from poil_drake.benchmarks.control.point_policy.network import TrainedPointPolicy
 from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import rotation_log, transform_points

@@ -1,4 +1,4 @@
-"""The policies that the control study compares, by name."""
+"""The policies that the control study compares, by name; two of them are Point-set BCSDM."""
 
 import math
 from collections.abc import Callable
@@ -9,8 +9,8 @@ import numpy as np
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.benchmarks.control.arena.arena import AddTaskPlant, ArenaConfig, PlaceModel
-from poil_drake.benchmarks.control.arena.surface_cloud import ModelCloud
+from poil_drake.benchmarks.control.arena.arena import ARENA, AddTaskPlant, PlaceModel
+from poil_drake.benchmarks.control.arena.shape_surface import shape_surface
 from poil_drake.benchmarks.control.arena.tasks import MakeTask
 from poil_drake.benchmarks.control.demonstration import (
     RECORDING_PERIOD,
@@ -19,11 +19,9 @@ from poil_drake.benchmarks.control.demonstration import (
     TaskDemonstration,
     TaskReference,
 )
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.policy import PointPolicy
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
-from poil_drake.benchmarks.control.policies.point_set import FieldPolicy, SafeEntryPolicy
-from poil_drake.benchmarks.control.policies.policy import Policy
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, Observation, Policy
 from poil_drake.benchmarks.control.policies.scripted import OpenLoopPolicy
 from poil_drake.benchmarks.control.policies.se3_bcsdm import (
     PoseTrajectory,
@@ -31,9 +29,15 @@ from poil_drake.benchmarks.control.policies.se3_bcsdm import (
     Se3BcsdmPolicy,
 )
 from poil_drake.control.entry.entry_clearance import EntryClearanceConfig
-from poil_drake.control.entry.entry_monitor import EntryMonitorConfig
+from poil_drake.control.entry.entry_monitor import EntryMonitorConfig, EntryState, safe_entry_step
 from poil_drake.control.entry.safe_entry import SafeEntryConfig, SafeEntryPlanner
-from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
+from poil_drake.control.field.point_set_bcsdm import (
+    BcsdmConfig,
+    BcsdmOutput,
+    BcsdmStatus,
+    point_set_bcsdm,
+)
+from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.geometry.rigid_fit import kabsch
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.geometry.scene_cloud import SceneCloud
@@ -82,6 +86,77 @@ OURS = "safe_entry"
 """The policy that this package offers."""
 
 
+class FieldPolicy(Policy):
+    """Follows the field of POIL, which uses only the points.
+
+    Args:
+        reference: The demonstrated motion of the points.
+        config: Parameters of the field.
+    """
+
+    def __init__(self, reference: PointTrajectory, config: BcsdmConfig):
+        self._reference, self._config = reference, config
+
+    def step(
+        self, state: float | None, observation: Observation
+    ) -> tuple[float | None, CommandedTwist]:
+        """Returns the closest time on the reference [s] and the twist.
+
+        If the points are lost, returns `state` unchanged and a zero twist.
+        """
+        output = point_set_bcsdm(
+            observation.points,
+            self._reference,
+            self._config,
+            observation.confidence,
+            previous_tau=state,
+        )
+        tau = state if output.status is BcsdmStatus.LOST else output.tau
+        return tau, _command(output)
+
+
+class SafeEntryPolicy(Policy):
+    """Follows a collision-free path onto the reference, and then the field of POIL.
+
+    Args:
+        planner: Planner for the reference, the scene and the object's shape.
+        config: When to plan again.
+    """
+
+    def __init__(self, planner: SafeEntryPlanner, config: EntryMonitorConfig):
+        self._planner, self._config = planner, config
+
+    def start(self) -> EntryState:
+        """Returns the state before the first plan."""
+        return EntryState()
+
+    def step(
+        self, state: EntryState, observation: Observation
+    ) -> tuple[EntryState, CommandedTwist]:
+        """Returns the next state and the twist that follows the plan. It is zero without a plan."""
+        entry = safe_entry_step(
+            state,
+            observation.points,
+            observation.time,
+            self._planner,
+            self._config,
+            observation.confidence,
+        )
+        return entry, _command(entry.output)
+
+    def note(self, state: EntryState) -> str:
+        """Returns the kind of the planned entry, the number of plans, and the monitor's status."""
+        kind = "none" if state.plan is None else state.plan.kind.name.lower()
+        return f"{kind}, {state.replans} plans, {state.status.name.lower()}"
+
+
+def _command(output: BcsdmOutput | None) -> CommandedTwist:
+    """Returns the field's twist; a zero twist for None or if the points are lost."""
+    if output is None or output.status is BcsdmStatus.LOST:
+        return CommandedTwist(np.zeros(6), np.zeros(3))
+    return CommandedTwist(output.twist, output.centroid)
+
+
 def MakePolicy(
     name: str, task: str, trained: TrainedPointPolicy | None = None, *, noise: float = 0.0
 ) -> Policy:
@@ -93,13 +168,12 @@ def MakePolicy(
         trained: The network of a learned policy; None for other policies.
         noise: Standard deviation of the noise in each coordinate of the observed points [m].
     """
-    limits = ArenaConfig()
     makers: dict[str, Callable[[], Policy]] = {
         "open_loop": lambda: OpenLoopPolicy(
             TaskDemonstration(task).points,
             period=RECORDING_PERIOD,
-            max_angular_speed=limits.max_angular_speed,
-            max_linear_speed=limits.max_linear_speed,
+            max_angular_speed=ARENA.max_angular_speed,
+            max_linear_speed=ARENA.max_linear_speed,
         ),
         "se3_bcsdm": lambda: _se3_bcsdm(task),
         "field": lambda: FieldPolicy(TaskReference(task), field_config(task, noise)),
@@ -149,18 +223,27 @@ def EntryPlanner(task: str, noise: float) -> SafeEntryPlanner:
 def TaskClouds(task: str) -> tuple[np.ndarray, np.ndarray]:
     """Returns points on the scene and on the object at the start of the demonstration.
 
+    They lie on the collision geometries, `_CLOUD_SPACING` apart.
+
     Returns:
         scene: (P, 3) points on the fixtures, without the table [m, world].
         body: (Q, 3) points on the object [m, world].
     """
     made, shown = MakeTask(task), TaskDemonstration(task)
     builder = DiagramBuilder()
-    plant, scene_graph, body = AddTaskPlant(builder, made, ArenaConfig().time_step)
+    plant, scene_graph, body = AddTaskPlant(builder, made)
     context = plant.GetMyMutableContextFromRoot(builder.Build().CreateDefaultContext())
     PlaceModel(plant, context, body, shown.X_WO[0], shown.shape)
 
     def cloud(model: ModelInstanceIndex) -> np.ndarray:
-        return ModelCloud(plant, context, scene_graph.model_inspector(), model, _CLOUD_SPACING)
+        inspector, points = scene_graph.model_inspector(), []
+        for index in plant.GetBodyIndices(model):
+            part = plant.get_body(index)
+            X_WB = plant.EvalBodyPoseInWorld(context, part)
+            for geometry in plant.GetCollisionGeometriesForBody(part):
+                surface = shape_surface(inspector.GetShape(geometry), _CLOUD_SPACING).T
+                points.append((X_WB @ (inspector.GetPoseInFrame(geometry) @ surface)).T)
+        return np.concatenate(points)
 
     links = [fixture.link for fixture in made.fixtures if fixture.link != "table"]
     scene = [cloud(plant.GetBodyByName(link).model_instance()) for link in links]

@@ -15,7 +15,7 @@ class Driven:
 
     def __init__(self, task: str, position):
         builder = DiagramBuilder()
-        self.plant, _, self.body = AddTaskPlant(builder, MakeTask(task), 1 / 128)
+        self.plant, _, self.body = AddTaskPlant(builder, MakeTask(task))
         hand = dut.DirectActuation(plant=self.plant, body=self.body, config=dut.ActuationConfig())
         self.hand = builder.AddSystem(hand)
         for name, port in (

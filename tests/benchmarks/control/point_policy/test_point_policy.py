@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.policy import (
     PointPolicy,
     aggregate_chunks,
@@ -101,7 +101,7 @@ def test_state_is_not_changed_by_steps_or_by_writes_to_observations() -> None:
 def test_policy_runs_without_torch() -> None:
     code = (
         "import sys, poil_drake.benchmarks.control.point_policy.policy, "
-        "poil_drake.benchmarks.control.point_policy.weight_cache; "
+        "poil_drake.benchmarks.control.point_policy.training; "
         "sys.exit('torch' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], check=False)

@@ -1,17 +1,21 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy import training
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.policy import PointPolicy
-from poil_drake.benchmarks.control.point_policy.trained import TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.training import (
     learning_rate_factor,
+    load_or_train,
     train_point_policy,
+    training_key,
 )
 from poil_drake.benchmarks.control.policies.policy import Observation
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
 
 SMALL = PointPolicyConfig(width=32, layers=1, steps=1500, learning_rate=4e-3)
@@ -23,6 +27,9 @@ TINY = PointPolicyConfig(width=8, heads=2, layers=1, steps=5, batch=8)
 BODY = np.random.default_rng(0).uniform(-0.04, 0.04, (10, 3)) + np.array([0.2, 0.0, 0.1])
 PROGRESS = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, 33))
 ARC = BODY @ np.swapaxes(rotation_exp(PROGRESS[:, None] * [0.0, 0.0, 0.5 * np.pi]), -1, -2)
+
+
+DEMONSTRATIONS = list(np.cumsum(np.random.default_rng(0).uniform(0.0, 0.01, (2, 12, 5, 3)), axis=1))
 
 
 def run(policy: PointPolicy, points: np.ndarray, steps: int) -> np.ndarray:
@@ -125,3 +132,94 @@ def test_step_at_the_full_rate_is_that_of_adam() -> None:
 
     # The head starts at zero, and Adam's first step has the size of its rate whatever the gradient.
     np.testing.assert_allclose(np.abs(dut.weights["head.w"]), 0.01, rtol=1e-3)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The user's cache, empty."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return tmp_path / "poil_drake"
+
+
+@pytest.fixture
+def trainings(monkeypatch: pytest.MonkeyPatch) -> list[PointPolicyConfig]:
+    """The settings of every training that takes place."""
+    done: list[PointPolicyConfig] = []
+    train = training.train_point_policy
+
+    def counted(demos: list[np.ndarray], config: PointPolicyConfig) -> TrainedPointPolicy:
+        done.append(config)
+        return train(demos, config)
+
+    monkeypatch.setattr(training, "train_point_policy", counted)
+    return done
+
+
+def test_same_policy_is_trained_once(cache: Path, trainings: list[PointPolicyConfig]) -> None:
+    first = load_or_train(DEMONSTRATIONS, TINY)
+    again = load_or_train(DEMONSTRATIONS, TINY)
+
+    assert trainings == [TINY]
+    history = DEMONSTRATIONS[0][: TINY.history]
+    np.testing.assert_array_equal(first.predict(history), again.predict(history))
+    assert len(list(cache.iterdir())) == 1
+
+
+def test_other_settings_or_data_are_another_policy(
+    cache: Path, trainings: list[PointPolicyConfig]
+) -> None:
+    other = dataclasses.replace(TINY, rotation_noise=0.06)
+    load_or_train(DEMONSTRATIONS, TINY)
+    load_or_train(DEMONSTRATIONS, other)
+    load_or_train(DEMONSTRATIONS[:1], TINY)
+
+    assert trainings == [TINY, other, TINY]
+    assert len(list(cache.iterdir())) == 3
+
+
+@pytest.mark.parametrize("field", [f.name for f in dataclasses.fields(PointPolicyConfig)])
+def test_every_setting_changes_the_key(field: str) -> None:
+    changed = dataclasses.replace(TINY, **{field: 2 * getattr(TINY, field) or 1})
+
+    assert training_key(DEMONSTRATIONS, changed) != training_key(DEMONSTRATIONS, TINY)
+
+
+def test_one_number_or_the_cut_between_demonstrations_changes_the_key() -> None:
+    nudged = [one.copy() for one in DEMONSTRATIONS]
+    nudged[1][3, 2, 1] += 1e-12
+    joined = np.concatenate(DEMONSTRATIONS)
+    cut_elsewhere = [joined[:10], joined[10:]]
+
+    keys = {training_key(data, TINY) for data in (DEMONSTRATIONS, nudged, cut_elsewhere)}
+
+    assert len(keys) == 3
+
+
+@pytest.mark.parametrize("damage", ["empty", "truncated", "flipped", "other"])
+def test_damaged_file_is_reported_with_its_path(damage: str, cache: Path) -> None:
+    load_or_train(DEMONSTRATIONS, TINY)
+    (path,) = cache.glob("*/*.npz")
+    content = path.read_bytes()
+    middle = len(content) // 2
+    if damage == "other":
+        np.savez(path, something=np.zeros(3))
+    elif damage == "flipped":
+        flipped = bytes([content[middle] ^ 0xFF])
+        path.write_bytes(content[:middle] + flipped + content[middle + 1 :])
+    else:
+        path.write_bytes(content[: middle if damage == "truncated" else 0])
+
+    with pytest.raises(InvalidValueError, match=str(path)):
+        load_or_train(DEMONSTRATIONS, TINY)
+
+
+def test_interrupted_training_leaves_no_file(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.np, "savez", interrupted)
+
+    with pytest.raises(KeyboardInterrupt):
+        load_or_train(DEMONSTRATIONS, TINY)
+
+    assert list(cache.iterdir()) == []

@@ -3,8 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
-from poil_drake.benchmarks.control.point_policy.windows import cut_windows, perturb_histories
+from poil_drake.benchmarks.control.point_policy.network import PointPolicyConfig
+from poil_drake.benchmarks.control.point_policy.training import cut_windows, perturb_histories
 
 CALM = PointPolicyConfig(translation_noise=0.0, rotation_noise=0.0, halt_probability=0.0)
 

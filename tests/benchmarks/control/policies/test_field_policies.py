@@ -66,8 +66,8 @@ def test_safe_entry_plans_once_and_notes_it():
     first, _ = dut.step(dut.start(), observation(points))
     second, _ = dut.step(first, observation(points, time=1 / 64))
 
-    assert second.entry.plan is first.entry.plan
-    assert second.note.endswith("1 plans, following")
+    assert second.plan is first.plan
+    assert dut.note(second).endswith("1 plans, following")
 
 
 def test_clouds_are_the_scene_without_the_table_and_the_object():

@@ -1,8 +1,7 @@
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from poil_drake.benchmarks.control.policies.policy import CommandedTwist
-from poil_drake.benchmarks.control.policies.policy_system import PolicySystem
+from poil_drake.benchmarks.control.policies.policy import CommandedTwist, PolicySystem
 
 HAND = [0.5, 0.0, 0.0]
 
@@ -18,6 +17,9 @@ class CountingPolicy:
     def step(self, state, observation):
         V = np.array([0, 0, 0, 0.1 * (state + 1), 0, 0])
         return state + 1, CommandedTwist(V, observation.points[0])
+
+    def note(self, state):
+        return f"{state} steps"
 
 
 class BrokenPolicy(CountingPolicy):
@@ -56,7 +58,7 @@ def test_policy_takes_one_step_each_period():
     # Steps at 0 and at 0.25 s.
     np.testing.assert_allclose(dut.GetOutputPort("twist").Eval(context), [0, 0, 0, 0.2, 0, 0])
     np.testing.assert_array_equal(dut.GetOutputPort("point").Eval(context), HAND)
-    assert dut.GetPolicyState(context) == 2
+    assert dut.GetNote(context) == "2 steps"
 
 
 def test_command_is_scaled_to_the_limits():
@@ -80,4 +82,4 @@ def test_limits_hold_at_the_hand_for_any_commanded_point():
 def test_each_context_has_its_own_state():
     dut, _ = run(CountingPolicy(), 0.6)
 
-    assert dut.GetPolicyState(dut.CreateDefaultContext()) == 0
+    assert dut.GetNote(dut.CreateDefaultContext()) == "0 steps"

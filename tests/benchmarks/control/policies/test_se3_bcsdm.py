@@ -57,15 +57,6 @@ def test_velocities_are_forward_differences_and_end_at_rest() -> None:
     np.testing.assert_allclose(dut.velocities, [[0, 0.2, 0], [0.2, 0, 0], [0, 0, 0]], atol=1e-12)
 
 
-def test_metric_weighs_one_radian_like_fourteen_centimetres() -> None:
-    # c |log|_F^2 = 2 angle^2 and d |dp|^2 = 100 |dp|^2 are equal where |dp| = 0.1414 m * angle.
-    X = np.array([pose([0, 0, 1.0], [0, 0, 0]), pose([0, 0, 0], [0.1414, 0, 0])])
-    reference = PoseTrajectory.of(np.array([0.0, 1.0]), X)
-
-    assert closest_pose(np.eye(4), reference, CONFIG) == 1
-    assert closest_pose(pose([0, 0, 0], [-1e-3, 0, 0]), reference, CONFIG) == 0
-
-
 def test_closest_sample_minimises_the_metric(reference: PoseTrajectory) -> None:
     for X_WO in random_poses(50):
         R, p = X_WO[:3, :3], X_WO[:3, 3]
@@ -112,16 +103,6 @@ def test_field_is_the_published_one_written_with_matrices(reference: PoseTraject
         np.testing.assert_allclose(skew(V[:3]) @ R, expected, atol=1e-9)
         v = reference.velocities[index] + 3.0 * (reference.X_WO[index, :3, 3] - X_WO[:3, 3])
         np.testing.assert_allclose(V[3:], v, atol=1e-12)
-
-
-def test_parallel_transport_keeps_the_speed(reference: PoseTrajectory) -> None:
-    # Without contraction the angular speed anywhere is that of the closest sample.
-    mimic = Se3BcsdmConfig(rotation_gain=0.0, position_gain=0.0)
-    for X_WO in random_poses(50, seed=2):
-        V, index = se3_bcsdm(X_WO, reference, mimic)
-
-        speed = np.linalg.norm(reference.omegas[index])
-        assert np.linalg.norm(V[:3]) == pytest.approx(speed, abs=1e-12)
 
 
 def test_field_half_a_turn_away_is_finite() -> None:

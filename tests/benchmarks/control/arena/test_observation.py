@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from system_bench import SystemBench
 
-from poil_drake.benchmarks.control.arena.delayed_tracking import DelayedTracking, TrackingConfig
+from poil_drake.benchmarks.control.arena.observation import DelayedTracking, TrackingConfig
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 
 POINTS = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]])

@@ -3,7 +3,7 @@ import pytest
 from pydrake.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
 from scipy.spatial import cKDTree
 
-from poil_drake.benchmarks.control.arena.surface_cloud import shape_surface as dut
+from poil_drake.benchmarks.control.arena.shape_surface import shape_surface as dut
 from poil_drake.errors import InvalidValueError
 
 

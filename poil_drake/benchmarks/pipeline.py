@@ -2,9 +2,9 @@
 
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,13 +12,62 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from poil_drake.benchmarks.pipeline.trial import TASKS, Trial, lost_trial, run_trial
 from poil_drake.benchmarks.trials.pool import LostTrial, run_trials
-from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
+from poil_drake.diagrams.run.output_paths import OutputPaths
+from poil_drake.diagrams.run.planning import PlanScenario
+from poil_drake.diagrams.run.skill_run import ExecutePlan, RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.errors import InvalidValueError
+from poil_drake.diagrams.scenario.randomization import ObjectDirective
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.errors import InvalidValueError, PoilError
 from poil_drake.recording.mcap.plain_json import write_json
 from poil_drake.reports.progress import OneLineTqdm
+from poil_drake.reports.run_summary import ErrorStatistics
+
+TASKS = {"hang_mug": None}
+"""Scenario name by task, in the package's scenario file; None is the default scenario."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """The result of a random run.
+
+    Attributes:
+        task: Name of the task.
+        seed: Seed of object, pose and noise.
+        object_model: Name of the object's model file.
+        success: Whether the object hung at the end.
+        cause: Cause of the failure; empty on success.
+        final_error: Mean distance of the points, at release, from the reference's last points [m].
+        tracking_errors: Median and 95th percentile of the distance of tracked points from the
+            true ones [m]; NaN without tracks.
+        worst_tracking_error: Largest distance of a tracked point from the true one [m].
+        carried_tracking_errors: `tracking_errors` while the object is carried [m].
+        unobserved: Share of the points that the tracker did not observe. Most go unobserved after
+            the release, while the object drops and swings.
+        carried_unobserved: `unobserved` while the object is carried.
+        real_time_factor: Ratio of simulated to wall-clock time of the closed loop.
+        split: Shares of the closed loop's wall-clock time, by activity.
+        concurrent: Shares of the closed loop's wall-clock time in which another process rendered
+            or tracked, by activity.
+        simulated: Simulated time [s].
+    """
+
+    task: str
+    seed: int
+    object_model: str
+    success: bool = False
+    cause: str = ""
+    final_error: float = np.nan
+    tracking_errors: tuple[float, float] = (np.nan, np.nan)
+    worst_tracking_error: float = np.nan
+    carried_tracking_errors: tuple[float, float] = (np.nan, np.nan)
+    unobserved: float = np.nan
+    carried_unobserved: float = np.nan
+    real_time_factor: float = np.nan
+    split: dict[str, float] | None = None
+    concurrent: dict[str, float] | None = None
+    simulated: float = np.nan
 
 
 def run_pipeline_benchmark(
@@ -54,19 +103,15 @@ def run_pipeline_benchmark(
     arguments = [(task, seed, tracker) for task in tasks for seed in range(trials)]
     results: dict[int, Trial] = {}
     in_order: list[Trial] = []
-    with (
-        closing(
-            run_trials(
-                run_trial,
-                arguments,
-                shared=({task: _demonstration(task) for task in tasks},),
-                jobs=jobs,
-                ray_address=ray_address,
-                trials_per_worker=1,
-            )
-        ) as ends,
-        OneLineTqdm(total=len(arguments), desc="trials") as bar,
-    ):
+    ends = run_trials(
+        run_trial,
+        arguments,
+        shared=({task: _demonstration(task) for task in tasks},),
+        jobs=jobs,
+        ray_address=ray_address,
+        trials_per_worker=1,
+    )
+    with closing(ends), OneLineTqdm(total=len(arguments), desc="trials") as bar:
         for index, end in ends:
             results[index] = lost_trial(end) if isinstance(end, LostTrial) else end
             tqdm.write(_row(results[index]))
@@ -75,6 +120,58 @@ def run_pipeline_benchmark(
             _write(in_order, json_path)
     print(_table(summarize(in_order)))
     return in_order
+
+
+def run_trial(
+    demonstrations: Mapping[str, bytes], task: str, seed: int, tracker: str | None
+) -> Trial:
+    """Runs one trial, given the contents of each task's demonstration file (MCAP).
+
+    An error becomes the trial's cause of failure.
+    """
+    scenario, trial = _prepare(task, seed, tracker)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{task}.mcap"
+            path.write_bytes(demonstrations[task])
+            plan = PlanScenario(scenario, path)
+        summary = ExecutePlan(
+            plan, scenario, outputs=OutputPaths(), show=False, show_progress=False, check=False
+        )
+    except Exception as error:
+        problem = error.problem if isinstance(error, PoilError) else " ".join(str(error).split())
+        return replace(trial, cause=f"{type(error).__name__}: {problem}")
+    timing, nothing = summary.timing, ErrorStatistics.of(np.zeros(0))
+    tracking = summary.tracking_error or nothing
+    carried = summary.carried_tracking_error or nothing
+    return replace(
+        trial,
+        success=summary.success,
+        cause="" if summary.success else summary.reason,
+        final_error=summary.mean_error,
+        tracking_errors=(tracking.median, tracking.percentile_95),
+        worst_tracking_error=tracking.maximum,
+        carried_tracking_errors=(carried.median, carried.percentile_95),
+        unobserved=tracking.missing,
+        carried_unobserved=carried.missing,
+        real_time_factor=timing.real_time_factor,
+        split={name: part / timing.wall for name, part in timing.parts.items()},
+        concurrent={name: part / timing.wall for name, part in timing.concurrent.items()},
+        simulated=timing.simulated,
+    )
+
+
+def lost_trial(lost: LostTrial) -> Trial:
+    """Returns the failed `Trial` that reports a `LostTrial`."""
+    _, trial = _prepare(*lost.arguments)
+    return replace(trial, cause=str(lost))
+
+
+def _prepare(task: str, seed: int, tracker: str | None) -> tuple[Scenario, Trial]:
+    """Returns the scenario of a trial, and the trial without a result."""
+    scenario = ChooseScenario(scenario_name=TASKS[task], seed=seed, tracker=tracker)
+    model = Path(ObjectDirective(scenario.directives, scenario.poil.object).file).stem
+    return scenario, Trial(task=task, seed=seed, object_model=model)
 
 
 def _demonstration(task: str) -> bytes:

@@ -1,38 +1,9 @@
-"""Points on the surfaces of collision geometries."""
+"""Points on the surfaces of shapes."""
 
 import numpy as np
-from pydrake.geometry import Box, Capsule, Cylinder, SceneGraphInspector, Shape, Sphere
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.systems.framework import Context
+from pydrake.geometry import Box, Capsule, Cylinder, Shape, Sphere
 
 from poil_drake.errors import InvalidValueError
-
-
-def ModelCloud(
-    plant: MultibodyPlant,
-    context: Context,
-    inspector: SceneGraphInspector,
-    model: ModelInstanceIndex,
-    spacing: float,
-) -> np.ndarray:
-    """Returns points (P, 3) on a model's collision geometries [m, world].
-
-    Args:
-        plant: The finalized plant.
-        context: Its context.
-        inspector: Inspector of the scene graph.
-        model: The model.
-        spacing: Distance between neighbouring points [m].
-    """
-    clouds = []
-    for index in plant.GetBodyIndices(model):
-        body = plant.get_body(index)
-        X_WB = plant.EvalBodyPoseInWorld(context, body)
-        for geometry in plant.GetCollisionGeometriesForBody(body):
-            points = shape_surface(inspector.GetShape(geometry), spacing).T
-            clouds.append((X_WB @ (inspector.GetPoseInFrame(geometry) @ points)).T)
-    return np.concatenate(clouds)
 
 
 def shape_surface(shape: Shape, spacing: float) -> np.ndarray:

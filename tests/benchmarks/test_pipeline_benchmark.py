@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from poil_drake.benchmarks.pipeline import pipeline
-from poil_drake.benchmarks.pipeline.pipeline import run_pipeline_benchmark, summarize
-from poil_drake.benchmarks.pipeline.trial import Trial, lost_trial, run_trial
+from poil_drake.benchmarks import pipeline
+from poil_drake.benchmarks.pipeline import Trial, summarize
 from poil_drake.benchmarks.trials.pool import LostTrial
 from poil_drake.errors import InvalidValueError
 
@@ -139,7 +138,7 @@ def test_table_shows_errors_in_millimetres_and_all_causes() -> None:
 
 
 def test_trial_that_fails_before_the_simulation_has_its_cause() -> None:
-    trial = run_trial({"hang_mug": b"damaged"}, "hang_mug", 3, "ground_truth")
+    trial = pipeline.run_trial({"hang_mug": b"damaged"}, "hang_mug", 3, "ground_truth")
 
     assert not trial.success
     assert trial.cause.startswith("DemonstrationError: ")
@@ -150,7 +149,7 @@ def test_trial_that_fails_before_the_simulation_has_its_cause() -> None:
 def test_trial_that_lost_its_workers_is_a_failure_with_its_cause() -> None:
     lost = LostTrial(3, ("hang_mug", 3, "ground_truth"), 3, "status -11")
 
-    trial = lost_trial(lost)
+    trial = pipeline.lost_trial(lost)
 
     assert (trial.task, trial.seed, trial.success) == ("hang_mug", 3, False)
     assert "status -11" in trial.cause
@@ -159,7 +158,7 @@ def test_trial_that_lost_its_workers_is_a_failure_with_its_cause() -> None:
 
 def test_unknown_task_is_rejected(tmp_path: Path) -> None:
     with pytest.raises(InvalidValueError, match=r"'juggle'.*hang_mug"):
-        run_pipeline_benchmark(
+        pipeline.run_pipeline_benchmark(
             tasks=["hang_mug", "juggle"],
             trials=1,
             jobs=1,

@@ -1,1 +1,0 @@
-"""Many random trials of `poil run`."""
