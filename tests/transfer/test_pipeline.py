@@ -23,7 +23,7 @@ from poil_drake.recording.demonstration.demonstration import (
     DemonstrationWriter,
     load_demonstration,
 )
-from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
+from poil_drake.transfer.alignment.problem import CoarseAlignmentConfig
 from poil_drake.transfer.part_points import sample_part_points
 from poil_drake.transfer.pipeline import TransferConfig, TransferResult, transfer
 

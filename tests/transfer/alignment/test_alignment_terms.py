@@ -1,15 +1,21 @@
-"""The energies' gradients, against finite differences."""
+"""The energies and their gradients, the latter against finite differences."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.transfer.alignment.cloud_term import CONTEXT_CLOUD, PART_CLOUD, CloudTerm
+from poil_drake.transfer.alignment.cloud_term import (
+    CONTEXT_CLOUD,
+    PART_CLOUD,
+    CloudTerm,
+    nearest_both_ways,
+)
+from poil_drake.transfer.alignment.join_term import JoinTerm
 from poil_drake.transfer.alignment.state import UNKNOWNS, AlignmentState, NormalEquations
-from poil_drake.transfer.registration.join_term import JoinTerm
 
 Maker = Callable[..., PointCloud]
 
@@ -106,3 +112,18 @@ def test_no_join_where_part_and_rest_are_apart(make_handle: Maker, make_body: Ma
     )
 
     assert dut is None
+
+
+def test_neighbours_agree_with_a_tree_in_both_directions() -> None:
+    rng = np.random.default_rng(0)
+    sources, target = rng.normal(size=(4, 60, 6)), rng.normal(size=(45, 6))
+
+    dut = nearest_both_ways(sources, target)
+
+    for k in range(4):
+        d, j = cKDTree(target).query(sources[k])
+        e, i = cKDTree(sources[k]).query(target)
+        np.testing.assert_array_equal(dut.target_of_source[k], j)
+        np.testing.assert_array_equal(dut.source_of_target[k], i)
+        np.testing.assert_allclose(dut.source_squares[k], d**2)
+        np.testing.assert_allclose(dut.target_squares[k], e**2)

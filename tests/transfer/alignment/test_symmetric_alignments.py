@@ -5,10 +5,12 @@ import numpy as np
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.transfer.alignment.coarse_alignment import CoarseAlignment
-from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
-from poil_drake.transfer.alignment.problem import AlignmentProblem
-from poil_drake.transfer.alignment.symmetric_alignments import symmetric_alignments
-from poil_drake.transfer.symmetry import SYMMETRY_TOLERANCE, half_turns
+from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig
+from poil_drake.transfer.alignment.symmetric_alignments import (
+    SYMMETRY_TOLERANCE,
+    half_turns,
+    symmetric_alignments,
+)
 
 Maker = Callable[..., PointCloud]
 
