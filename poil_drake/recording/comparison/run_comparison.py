@@ -8,7 +8,11 @@ from itertools import takewhile
 
 import numpy as np
 
-from poil_drake.recording.comparison.signal_pair import SignalPair
+from poil_drake.recording.comparison.differences import (
+    SignalPair,
+    TrackComparison,
+    compare_tracks,
+)
 from poil_drake.recording.comparison.tolerances import (
     ANGULAR_VELOCITY,
     JOINT_VELOCITY,
@@ -16,7 +20,6 @@ from poil_drake.recording.comparison.tolerances import (
     TRACKED_POINTS,
     ReplayTolerances,
 )
-from poil_drake.recording.comparison.track_comparison import TrackComparison, compare_tracks
 from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun
 from poil_drake.recording.run_log.series import Series
 
