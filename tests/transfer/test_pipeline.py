@@ -20,9 +20,9 @@ from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 from poil_drake.recording.demonstration.demonstration import (
     Demonstration,
-    DemonstrationWriter,
     load_demonstration,
 )
+from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.transfer.alignment.problem import CoarseAlignmentConfig
 from poil_drake.transfer.part_points import sample_part_points
 from poil_drake.transfer.pipeline import TransferConfig, TransferResult, transfer

@@ -19,9 +19,8 @@ from poil_drake.recording.demonstration.layout import (
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
+from poil_drake.recording.mcap.message_encoder import ColorEncoding, EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.plain_json import json_record
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds

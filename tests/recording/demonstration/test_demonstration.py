@@ -8,11 +8,11 @@ from small_frames import make_frame
 from poil_drake.errors import DemonstrationError
 from poil_drake.recording.demonstration.demonstration import (
     Demonstration,
-    DemonstrationWriter,
     load_demonstration,
 )
-from poil_drake.recording.demonstration.recorded_frames import RecordedFrames
-from poil_drake.recording.mcap.image_messages import ColorEncoding
+from poil_drake.recording.demonstration.stored_images import RecordedFrames
+from poil_drake.recording.demonstration.writer import DemonstrationWriter
+from poil_drake.recording.mcap.message_encoder import ColorEncoding
 
 
 @pytest.fixture
