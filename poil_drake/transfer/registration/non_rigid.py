@@ -12,7 +12,7 @@ from poil_drake.geometry.sampling import farthest_point_sampling
 if TYPE_CHECKING:
     import torch
 
-    from poil_drake.transfer.registration.displacement_network import DisplacementNetwork
+    from poil_drake.transfer.registration.network import DisplacementNetwork
 
 # Lengths are in units of the larger part's largest radius.
 _NEIGHBOURS = 30  # Number of neighbours that reconstruct a point, as in OAReg's paper.
@@ -25,9 +25,6 @@ at zero the optimisation would stay at the identity."""
 _STIFFNESS = 200.0
 """Weight of the mean reconstruction error relative to the data term. OAReg (see
 `deform_points`) weighs the sum over the points, by 1 to 100."""
-
-_FREQUENCY = 8.0
-"""omega_0 of `DisplacementNetwork`. With 30, as in OAReg, the deformation has wrinkles."""
 
 _LEARNING_RATE = 1e-3
 _MAX_POINTS = 400  # Of each cloud, spread evenly; the computing time grows with its square.
@@ -59,14 +56,8 @@ def deform_points(source: np.ndarray, target: np.ndarray, points: np.ndarray) ->
         The points (M, 3) on the target [m].
 
     Raises:
-        TransferError: if a cloud has fewer than 4 points, or the optimisation diverges.
+        TransferError: if the optimisation diverges.
     """
-    for name, cloud in (("demonstrated", source), ("target", target)):
-        if len(cloud) < 4:
-            raise TransferError(
-                f"The cloud of the {name} part has {len(cloud)} points; 4 are needed to deform it.",
-                remedy="Move a camera nearer to the part.",
-            )
     center = target.mean(axis=0)
     length = float(max(np.linalg.norm(c - center, axis=1).max() for c in (source, target)))
     data, goal = (_spread((c - center) / length) for c in (source, target))
@@ -81,14 +72,13 @@ def _spread(points: np.ndarray) -> np.ndarray:
 def _optimize(source: np.ndarray, target: np.ndarray, carried: np.ndarray) -> "DisplacementNetwork":
     import torch
 
-    from poil_drake.transfer.registration.adam import Adam
-    from poil_drake.transfer.registration.displacement_network import DisplacementNetwork
+    from poil_drake.transfer.registration.network import Adam, DisplacementNetwork
 
     batch = np.concatenate([source, carried])
     neighbours, weights = local_reconstruction_weights(
         batch, neighbours=_NEIGHBOURS, regularization=_REGULARIZATION
     )
-    network = DisplacementNetwork(hidden_units=128, hidden_layers=3, frequency=_FREQUENCY, seed=0)
+    network = DisplacementNetwork()
     x, goal = (torch.as_tensor(p, dtype=torch.float32) for p in (batch, target))
     j = torch.as_tensor(neighbours)
     w = torch.as_tensor(weights, dtype=torch.float32)

@@ -10,7 +10,7 @@ def test_steps_are_those_of_the_paper() -> None:
     # Imported here: other tests in this process may not need torch.
     import torch
 
-    from poil_drake.transfer.registration.adam import Adam
+    from poil_drake.transfer.registration.network import Adam
 
     rng = np.random.default_rng(0)
     start, goal = rng.normal(size=(2, 4, 3))
