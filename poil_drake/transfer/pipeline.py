@@ -10,8 +10,8 @@ from poil_drake.perception.detectors.protocol import Detector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
+from poil_drake.transfer.alignment.coarse_alignment import symmetric_alignments
 from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig
-from poil_drake.transfer.alignment.symmetric_alignments import symmetric_alignments
 from poil_drake.transfer.demonstration_tracks import track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
 from poil_drake.transfer.part_points import PartView, sample_part_points, view_part

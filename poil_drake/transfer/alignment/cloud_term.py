@@ -170,12 +170,7 @@ class CloudTerm:
         nearest_jacobian = np.take_along_axis(jacobian, i[..., None, None], axis=1)
         for squares, offset, slope, metric in (
             (nearest.source_squares, points - self.target[j], jacobian, self.metric[j]),
-            (
-                nearest.target_squares,
-                nearest_points - self.target[None],
-                nearest_jacobian,
-                self.metric[None],
-            ),
+            (nearest.target_squares, nearest_points - self.target, nearest_jacobian, self.metric),
         ):
             w = 0.5 * weight / (width**2 * squares.shape[1]) * np.exp(-squares / (2.0 * width**2))
             residual = (metric @ offset[..., None])[..., 0]
