@@ -8,8 +8,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.run_log.recorded_run import LoggedTrack
-from poil_drake.recording.run_log.series import ROUNDING, Series
+from poil_drake.recording.run_log.recorded_run import ROUNDING, LoggedTrack, Series
 
 
 class SignalPair(NamedTuple):

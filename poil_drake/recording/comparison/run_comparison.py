@@ -20,8 +20,7 @@ from poil_drake.recording.comparison.tolerances import (
     TRACKED_POINTS,
     ReplayTolerances,
 )
-from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun, Series
 
 PHASE, TRACKS = "phase", "tracks"
 """Values of `FirstDifference.what` besides the names of signals."""

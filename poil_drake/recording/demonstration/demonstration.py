@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from poil_drake.errors import DemonstrationError, InvalidValueError
+from poil_drake.errors import DemonstrationError
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.recording.demonstration.contents import CameraContents, Contents, collect
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, median_period
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
-    LABEL_IDS_KEY,
     TRANSFORM_TOPIC,
     WORLD_FRAME,
     WORLD_FRAME_KEY,
@@ -104,7 +103,7 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
         )
         for row in rows
     ]
-    frames = RecordedFrames(path, instants, _label_ids(path, contents))
+    frames = RecordedFrames(path, instants, parse_label_ids(path, contents.metadata))
     demonstration = Demonstration(frames, contents.metadata, contents.scenario_text, name=str(path))
     # Decoding one frame finds wrong encodings and sizes now rather than in the middle of a job.
     _ = demonstration.cameras
@@ -224,11 +223,3 @@ def _base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
                 "is the calibration's frame_id.",
             )
     return base
-
-
-def _label_ids(path: Path, contents: Contents) -> dict[str, tuple[int, ...]]:
-    """Returns the render labels of each object and part, from the metadata."""
-    try:
-        return parse_label_ids(contents.metadata.get(LABEL_IDS_KEY, "{}"))
-    except InvalidValueError as error:
-        raise DemonstrationError(f"{path}: {error.problem}", remedy=error.remedy) from error

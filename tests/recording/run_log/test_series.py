@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import Series
 
 
 def test_the_newest_sample_by_a_time_is_found():
