@@ -14,9 +14,9 @@ from poil_drake.transfer.alignment.coarse_alignment import symmetric_alignments
 from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig
 from poil_drake.transfer.demonstration_tracks import track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
+from poil_drake.transfer.non_rigid_registration import deform_points
 from poil_drake.transfer.part_points import PartView, sample_part_points, view_part
 from poil_drake.transfer.progress import Progress
-from poil_drake.transfer.registration.non_rigid import deform_points
 
 
 @dataclass(frozen=True, kw_only=True)

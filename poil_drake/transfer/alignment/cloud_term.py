@@ -1,7 +1,6 @@
 """How well one placed cloud covers another: a truncated Chamfer distance and its gradient."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -10,6 +9,10 @@ from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import skew
 from poil_drake.geometry.sampling import farthest_point_sampling
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
+
+Neighbours = tuple[np.ndarray, np.ndarray]
+"""For each point of K placements of a cloud, (K, n) the index of the nearest point of the other
+cloud, and (K, n) the squared distance to it."""
 
 PART_CLOUD, CONTEXT_CLOUD = 0, 1
 """Index of the part and of its context in the scales and translations of an `AlignmentState`."""
@@ -44,22 +47,6 @@ class CloudFrame:
         _, axes = np.linalg.eigh(arms[0].T @ arms[0])
         axes = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
         return cls(*centers, float(np.mean(radii)), axes)
-
-
-class NearestNeighbours(NamedTuple):
-    """Nearest neighbours in both directions.
-
-    Attributes:
-        target_of_source: (K, n) index of the target point nearest to each source point.
-        source_squares: (K, n) squared distance from each source point to that target point.
-        source_of_target: (K, m) index of the source point nearest to each target point.
-        target_squares: (K, m) squared distance from each target point to that source point.
-    """
-
-    target_of_source: np.ndarray
-    source_squares: np.ndarray
-    source_of_target: np.ndarray
-    target_squares: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,9 +141,10 @@ class CloudTerm:
 
     def energy(self, state: AlignmentState, width: float) -> np.ndarray:
         """Returns the energies (K,), in [0, 1]; `width` is w, in units of `frame.length`."""
-        nearest = self._match(state, self.place(state, self.source)[0])
-        forward = -np.expm1(-nearest.source_squares / (2.0 * width**2))
-        backward = -np.expm1(-nearest.target_squares / (2.0 * width**2))
+        points, _ = self.place(state, self.source)
+        (_, source_squares), (_, target_squares) = self._match(state, points)
+        forward = -np.expm1(-source_squares / (2.0 * width**2))
+        backward = -np.expm1(-target_squares / (2.0 * width**2))
         return 0.5 * (forward.mean(axis=1) + backward.mean(axis=1))
 
     def linearize(
@@ -164,19 +152,18 @@ class CloudTerm:
     ) -> None:
         """Adds the Gauss-Newton approximation of `weight` times the energy to `equations`."""
         points, jacobian = self.place(state, self.source)
-        nearest = self._match(state, points)
-        j, i = nearest.target_of_source, nearest.source_of_target
+        (j, source_squares), (i, target_squares) = self._match(state, points)
         nearest_points = np.take_along_axis(points, i[..., None], axis=1)
         nearest_jacobian = np.take_along_axis(jacobian, i[..., None, None], axis=1)
         for squares, offset, slope, metric in (
-            (nearest.source_squares, points - self.target[j], jacobian, self.metric[j]),
-            (nearest.target_squares, nearest_points - self.target, nearest_jacobian, self.metric),
+            (source_squares, points - self.target[j], jacobian, self.metric[j]),
+            (target_squares, nearest_points - self.target, nearest_jacobian, self.metric),
         ):
             w = 0.5 * weight / (width**2 * squares.shape[1]) * np.exp(-squares / (2.0 * width**2))
             residual = (metric @ offset[..., None])[..., 0]
             equations.add(_OWN_COLUMNS[self.cloud], metric @ slope, residual, w)
 
-    def _match(self, state: AlignmentState, points: np.ndarray) -> NearestNeighbours:
+    def _match(self, state: AlignmentState, points: np.ndarray) -> tuple[Neighbours, Neighbours]:
         if not self.target_normals.any():
             return nearest_both_ways(points, self.target)
         normals = self.source_normals @ np.swapaxes(state.R, 1, 2)
@@ -196,10 +183,10 @@ def _surface_metric(points: np.ndarray, cloud: np.ndarray) -> np.ndarray:
     return (axes * counted[:, None, :]) @ np.swapaxes(axes, 1, 2)
 
 
-def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbours:
-    """Returns the nearest neighbours in both directions, by brute force.
+def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> tuple[Neighbours, Neighbours]:
+    """Returns the neighbours of the sources in the target, and of the target in the sources.
 
-    |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products do the search.
+    |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products search all pairs.
     Neighbours are found in single precision. Their distances are computed in double precision.
 
     Args:
@@ -212,12 +199,9 @@ def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> NearestNeighbo
     backward = _with(b, 1.0) @ np.swapaxes(_with(a, -0.5 * np.sum(a * a, axis=-1)), 1, 2)
     i = np.argmax(backward, axis=2)
     nearest_source = np.take_along_axis(sources, i[..., None], axis=1)
-    return NearestNeighbours(
-        j,
-        np.sum((sources - target[j]) ** 2, axis=-1),
-        i,
-        np.sum((nearest_source - target) ** 2, axis=-1),
-    )
+    source_squares = np.sum((sources - target[j]) ** 2, axis=-1)
+    target_squares = np.sum((nearest_source - target) ** 2, axis=-1)
+    return (j, source_squares), (i, target_squares)
 
 
 def _with(points: np.ndarray, last: np.ndarray | float) -> np.ndarray:

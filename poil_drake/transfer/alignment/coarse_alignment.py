@@ -58,14 +58,10 @@ class CoarseAlignment:
     target_center: np.ndarray
     cost: float
 
-    @property
-    def matrix(self) -> np.ndarray:
-        """The (3, 3) linear map A."""
-        return self.rotation @ (self.axes * self.scales) @ self.axes.T
-
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Returns where demonstrated points (P, 3) [m] lie on the target [m]."""
-        return (points - self.source_center) @ self.matrix.T + self.target_center
+        A = self.rotation @ (self.axes * self.scales) @ self.axes.T
+        return (points - self.source_center) @ A.T + self.target_center
 
 
 def symmetric_alignments(

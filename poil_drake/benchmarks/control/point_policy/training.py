@@ -57,7 +57,7 @@ def _optimize(
     import torch
 
     from poil_drake.benchmarks.control.point_policy.torch_network import forward
-    from poil_drake.transfer.registration.network import Adam
+    from poil_drake.transfer.registration_network import Adam
 
     # All weights are one parameter, so that the optimiser takes one step instead of one for each.
     flat = torch.nn.Parameter(torch.as_tensor(np.concatenate([w.ravel() for w in first.values()])))

@@ -12,7 +12,7 @@ from poil_drake.geometry.sampling import farthest_point_sampling
 if TYPE_CHECKING:
     import torch
 
-    from poil_drake.transfer.registration.network import DisplacementNetwork
+    from poil_drake.transfer.registration_network import DisplacementNetwork
 
 # Lengths are in units of the larger part's largest radius.
 _NEIGHBOURS = 30  # Number of neighbours that reconstruct a point, as in OAReg's paper.
@@ -72,7 +72,7 @@ def _spread(points: np.ndarray) -> np.ndarray:
 def _optimize(source: np.ndarray, target: np.ndarray, carried: np.ndarray) -> "DisplacementNetwork":
     import torch
 
-    from poil_drake.transfer.registration.network import Adam, DisplacementNetwork
+    from poil_drake.transfer.registration_network import Adam, DisplacementNetwork
 
     batch = np.concatenate([source, carried])
     neighbours, weights = local_reconstruction_weights(

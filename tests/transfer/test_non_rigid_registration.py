@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from collections.abc import Callable
 
 import numpy as np
@@ -5,8 +7,8 @@ import pytest
 from scipy.spatial import cKDTree
 
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.transfer.registration import non_rigid
-from poil_drake.transfer.registration.non_rigid import deform_points, local_reconstruction_weights
+from poil_drake.transfer import non_rigid_registration
+from poil_drake.transfer.non_rigid_registration import deform_points, local_reconstruction_weights
 
 Maker = Callable[..., PointCloud]
 
@@ -14,7 +16,7 @@ Maker = Callable[..., PointCloud]
 @pytest.fixture(autouse=True)
 def few_points(monkeypatch: pytest.MonkeyPatch) -> None:
     """A third of the usual points, for speed."""
-    monkeypatch.setattr(non_rigid, "_MAX_POINTS", 150)
+    monkeypatch.setattr(non_rigid_registration, "_MAX_POINTS", 150)
 
 
 def chamfer(a: np.ndarray, b: np.ndarray) -> float:
@@ -66,7 +68,7 @@ def test_distant_points_do_not_pull(make_handle: Maker) -> None:
 def test_the_same_clouds_give_the_same_deformation(
     make_handle: Maker, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(non_rigid, "_MAX_STEPS", 5)
+    monkeypatch.setattr(non_rigid_registration, "_MAX_STEPS", 5)
     source, target = make_handle(seed=0).points, bent(make_handle(seed=1).points)
 
     first, second = (deform_points(source, target, source) for _ in range(2))
@@ -95,3 +97,44 @@ def test_reconstruction_handles_coincident_points() -> None:
 
     assert np.all(np.isfinite(weights))
     assert not np.any(indices == np.arange(20)[:, None])
+
+
+def test_steps_of_the_optimiser_are_those_of_the_paper() -> None:
+    # Imported here: other tests in this process may not need torch.
+    import torch
+
+    from poil_drake.transfer.registration_network import Adam
+
+    rng = np.random.default_rng(0)
+    start, goal = rng.normal(size=(2, 4, 3))
+    weights = torch.nn.Parameter(torch.tensor(start))
+    unused = torch.nn.Parameter(torch.ones(2))
+    dut = Adam([weights, unused], learning_rate=0.05)
+    for _ in range(60):
+        loss = ((weights - torch.tensor(goal)) ** 4).sum() + (weights * torch.tensor(goal)).sum()
+        dut.zero_grad()
+        loss.backward()
+        dut.step()
+
+    # Kingma and Ba, ICLR 2015, algorithm 1, with the loss's gradient by hand.
+    expected, m, v = start.copy(), np.zeros_like(start), np.zeros_like(start)
+    for t in range(1, 61):
+        gradient = 4.0 * (expected - goal) ** 3 + goal
+        m = 0.9 * m + 0.1 * gradient
+        v = 0.999 * v + 0.001 * gradient**2
+        expected -= 0.05 * (m / (1.0 - 0.9**t)) / (np.sqrt(v / (1.0 - 0.999**t)) + 1e-8)
+    np.testing.assert_allclose(weights.detach().numpy(), expected, rtol=1e-12)
+    np.testing.assert_array_equal(unused.detach().numpy(), [1.0, 1.0])
+
+
+def test_the_registration_loads_no_compiler() -> None:
+    code = (
+        "import sys, numpy as np\n"
+        "from poil_drake.transfer import non_rigid_registration\n"
+        "x = np.random.default_rng(0).normal(size=(60, 3))\n"
+        "non_rigid_registration._MAX_STEPS = 3\n"
+        "non_rigid_registration.deform_points(x, 1.01 * x, x)\n"
+        "print(*sorted({'torch._dynamo', 'triton'} & sys.modules.keys()))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
