@@ -13,7 +13,7 @@ from poil_drake.models import panda_visuals
 from poil_drake.robots import panda
 from poil_drake.robots.panda import ACCELERATION_LIMITS, ARM_JOINTS, FINGER_JOINTS, GRIPPER_FRAME
 from poil_drake.robots.robot_description import panda_description_directory, panda_urdf
-from poil_drake.runtime.user_cache import cached_directory
+from poil_drake.runtime.output_files import cached_directory
 
 PANDA_PACKAGE = "poil_drake_panda"
 """Drake package name of the generated model: `package://poil_drake_panda/panda.urdf`."""

@@ -96,7 +96,11 @@ class WorkerProcess:
         try:
             TURNS.wait()
             self._channel.send(request)
-            self._wait_for_answer()
+            arrives = self._channel.connection.poll
+            while not arrives(_LOOK):
+                # A child of the worker may have inherited the connection, and then keeps it open.
+                if not self.alive and not arrives(0.0):
+                    raise EOFError
             answer, error = self._channel.receive()
         except (EOFError, OSError) as failure:
             self.end()
@@ -110,17 +114,6 @@ class WorkerProcess:
         if error is not None:
             raise RuntimeError(f"A worker process failed.\n{error}")
         return answer
-
-    def _wait_for_answer(self) -> None:
-        """Waits for the answer; raises an EOFError if the process ends without one.
-
-        Also checks whether the process runs, because a child process of the worker may have
-        inherited the connection and keep it open.
-        """
-        arrives = self._channel.connection.poll
-        while not arrives(_LOOK):
-            if not self.alive and not arrives(0.0):
-                raise EOFError
 
     def ended(self) -> WorkerEndedError:
         """Returns the error that describes how the process ended."""

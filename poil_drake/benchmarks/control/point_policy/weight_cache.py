@@ -13,7 +13,7 @@ from poil_drake.benchmarks.control.point_policy.config import PointPolicyConfig
 from poil_drake.benchmarks.control.point_policy.trained import Normalization, TrainedPointPolicy
 from poil_drake.benchmarks.control.point_policy.training import train_point_policy
 from poil_drake.errors import InvalidValueError
-from poil_drake.runtime.user_cache import cached_directory
+from poil_drake.runtime.output_files import cached_directory
 
 TRAINING_VERSION = 3
 """Part of the cache's key. Increase it when training gives other weights or another format."""
