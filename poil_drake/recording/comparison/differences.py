@@ -70,26 +70,14 @@ class SignalPair(NamedTuple):
         )
 
 
-class TrackPair(NamedTuple):
-    """Two tracks from the same images: one of the recorded run, the other of the replay.
-
-    Attributes:
-        time: When the track was logged [s]: in the recorded run, or, if that lacks the track, in
-            the replay.
-        comparable: False if only one run has the track, or if the runs saw points, but none in
-            common.
-    """
-
-    time: float
-    comparable: bool
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrackComparison:
     """How the tracks of a run and of its replay differ.
 
     Attributes:
-        pairs: The tracks of both runs, in the order of their images.
+        pairs: The tracks of both runs, in the order of their images: when each was logged [s], in
+            the recorded run or, if that lacks the track, in the replay; and whether it can be
+            compared: not if only one run has it, or the runs saw points, but none in common.
         distances: For each of the T tracks that both runs have, (T, 1) the largest distance [m]
             between corresponding points that both runs saw. NaN if the runs saw no point in common;
             infinite if the numbers of points differ.
@@ -98,7 +86,7 @@ class TrackComparison:
         visibility: How many of `points` only one of the two runs saw.
     """
 
-    pairs: Sequence[TrackPair]
+    pairs: Sequence[tuple[float, bool]]
     distances: Series
     unmatched: int
     points: int
@@ -128,7 +116,7 @@ def compare_tracks(
             if len(a.positions) == len(b.positions):
                 points += len(a.positions)
                 visibility += int(np.count_nonzero((a.confidence > 0.0) != (b.confidence > 0.0)))
-        pairs.append(TrackPair(time, comparable))
+        pairs.append((time, comparable))
     return TrackComparison(
         pairs=pairs,
         distances=Series.of(distances, 1),
@@ -139,7 +127,7 @@ def compare_tracks(
 
 
 def _distance(a: TrackedPoints, b: TrackedPoints) -> tuple[float, bool]:
-    """Returns the distance in `TrackComparison.distances`, and `TrackPair.comparable`."""
+    """Returns the distance in `TrackComparison.distances`, and whether it can be compared."""
     if len(a.positions) != len(b.positions):
         return math.inf, True
     seen = a.confidence > 0.0, b.confidence > 0.0
