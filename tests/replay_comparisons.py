@@ -7,8 +7,7 @@ import numpy as np
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.comparison.run_comparison import compare_runs
 from poil_drake.recording.comparison.tolerances import ReplayTolerances
-from poil_drake.recording.run_log.recorded_run import LoggedTrack, PhaseStart, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import LoggedTrack, PhaseStart, RecordedRun, Series
 from poil_drake.reports.replay_summary import ReplaySummary
 
 TOLERANCES = ReplayTolerances(

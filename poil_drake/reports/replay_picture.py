@@ -7,8 +7,7 @@ import numpy as np
 
 from poil_drake.recording.comparison.run_comparison import RunComparison
 from poil_drake.recording.comparison.tolerances import JOINT_VELOCITY, TRACKED_POINTS
-from poil_drake.recording.run_log.recorded_run import RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import RecordedRun, Series
 from poil_drake.reports.replay_summary import ReplaySummary
 from poil_drake.reports.run_summary import PhaseSpan
 from poil_drake.reports.summary_panels import (

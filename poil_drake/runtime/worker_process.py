@@ -53,7 +53,13 @@ class WorkerProcess:
             self._process = subprocess.Popen(
                 [sys.executable, "-P", "-m", module, *map(str, inherited)],
                 pass_fds=inherited,
-                env=_environment(),
+                # The module path of this process, and one thread for linear algebra.
+                env={
+                    **os.environ,
+                    "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
+                    "OMP_NUM_THREADS": "1",
+                    "OPENBLAS_NUM_THREADS": "1",
+                },
                 stdin=subprocess.DEVNULL,
                 # Ctrl-C reaches only this process, which then ends the worker.
                 process_group=0,
@@ -90,7 +96,11 @@ class WorkerProcess:
         try:
             TURNS.wait()
             self._channel.send(request)
-            self._wait_for_answer()
+            arrives = self._channel.connection.poll
+            while not arrives(_LOOK):
+                # A child of the worker may have inherited the connection, and then keeps it open.
+                if not self.alive and not arrives(0.0):
+                    raise EOFError
             answer, error = self._channel.receive()
         except (EOFError, OSError) as failure:
             self.end()
@@ -104,16 +114,6 @@ class WorkerProcess:
         if error is not None:
             raise RuntimeError(f"A worker process failed.\n{error}")
         return answer
-
-    def _wait_for_answer(self) -> None:
-        """Waits for the answer; raises an EOFError if the process ends without one.
-
-        Also checks whether the process runs, because a child process of the worker may have
-        inherited the connection and keep it open.
-        """
-        while not self._channel.readable(_LOOK):
-            if not self.alive and not self._channel.readable(0.0):
-                raise EOFError
 
     def ended(self) -> WorkerEndedError:
         """Returns the error that describes how the process ended."""
@@ -179,7 +179,7 @@ class _Channel:
 
     def __init__(self, connection: Connection, sent: int, received: int):
         """Takes ownership of the arguments; `sent` and `received` are descriptors of two files."""
-        self._connection = connection
+        self.connection = connection
         self._sent, self._received = _SharedMemory(sent), _SharedMemory(received)
 
     def send(self, value: object) -> None:
@@ -190,12 +190,8 @@ class _Channel:
         sizes = [array.nbytes for array in arrays]
         for place, array in zip(self._sent.places(sizes), arrays, strict=True):
             np.copyto(place, array)  # NumPy releases the interpreter while it copies.
-        self._connection.send(sizes)
-        self._connection.send_bytes(message)
-
-    def readable(self, timeout: float) -> bool:
-        """Returns whether a value arrives or the other end closes within `timeout` [s]."""
-        return self._connection.poll(timeout)
+        self.connection.send(sizes)
+        self.connection.send_bytes(message)
 
     def receive(self) -> Any:
         """Waits for a value and returns it; its contiguous arrays are read-only copies.
@@ -203,14 +199,14 @@ class _Channel:
         Raises:
             EOFError: if the other end is closed.
         """
-        sizes, message = self._connection.recv(), self._connection.recv_bytes()
+        sizes, message = self.connection.recv(), self.connection.recv_bytes()
         buffers = [place.copy() for place in self._received.places(sizes)]
         for buffer in buffers:
             buffer.flags.writeable = False
         return pickle.loads(message, buffers=buffers)
 
     def close(self) -> None:
-        self._connection.close()
+        self.connection.close()
         os.close(self._sent.file)
         os.close(self._received.file)
 
@@ -230,16 +226,3 @@ class _SharedMemory:
             self._memory = mmap.mmap(self.file, size)
         shared = np.frombuffer(self._memory, np.uint8)
         return [shared[start : start + size] for start, size in zip(end, sizes, strict=False)]
-
-
-def _environment() -> dict[str, str]:
-    """Returns the worker's environment variables.
-
-    The worker gets this process's module path, and one thread for linear algebra.
-    """
-    return {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path),
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-    }

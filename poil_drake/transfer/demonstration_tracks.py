@@ -12,6 +12,7 @@ from poil_drake.recording.demonstration.demonstration import Demonstration
 from poil_drake.transfer.progress import Progress
 
 _MIN_POINTS = 3  # Fewer points do not determine a pose.
+_MAX_GAP = 1.0  # Longest time for which the tracker may lose the object [s].
 
 _MAX_INTERVAL = 0.25  # From one tracked frame to the next [s].
 _MAX_STEP = 0.04
@@ -45,7 +46,6 @@ def track_demonstration(
     object_masks: tuple[np.ndarray, ...],
     *,
     tracker: Tracker,
-    max_gap: float = 1.0,
     progress: Progress | None = None,
 ) -> DemonstrationTracks:
     """Tracks the part's points from the first frame to the last.
@@ -55,13 +55,11 @@ def track_demonstration(
         query_points: (N, 3) the points in the first frame [m, world].
         object_masks: Each camera's mask (H, W) bool of the object in the first frame.
         tracker: Tracks the points.
-        max_gap: Longest time for which the tracker may lose the object [s]. In the last frame the
-            object must not be lost.
         progress: Called with the current activity and its completed fraction.
 
     Raises:
-        TrackingError: if the tracker cannot start, or loses the object for longer than `max_gap` or
-            in the last frame; the message says when.
+        TrackingError: if the tracker cannot start, or loses the object for longer than 1 s or in
+            the last frame; the message says when.
     """
     frames, stamps = demonstration.frames, demonstration.stamps
     output = tracker.start(frames[0], query_points, object_masks)
@@ -77,7 +75,7 @@ def track_demonstration(
         enough = np.count_nonzero(confidence > 0.0) >= _MIN_POINTS
         if enough and not output.lost:
             seen_at = frame.stamp
-        elif frame.stamp - seen_at > max_gap or k == last:
+        elif frame.stamp - seen_at > _MAX_GAP or k == last:
             raise TrackingError(
                 f"The tracker lost the object {seen_at - stamps[0]:.2f} s into the "
                 f"demonstration, which lasts {stamps[-1] - stamps[0]:.2f} s.",

@@ -10,14 +10,13 @@ from poil_drake.perception.detectors import Detector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
-from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
-from poil_drake.transfer.alignment.problem import AlignmentProblem
-from poil_drake.transfer.alignment.symmetric_alignments import symmetric_alignments
+from poil_drake.transfer.alignment.coarse_alignment import symmetric_alignments
+from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig
 from poil_drake.transfer.demonstration_tracks import track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
+from poil_drake.transfer.non_rigid_registration import deform_points
 from poil_drake.transfer.part_points import PartView, sample_part_points, view_part
 from poil_drake.transfer.progress import Progress
-from poil_drake.transfer.registration.non_rigid import deform_points
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,8 @@ import pytest
 from command_line import Command
 
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.recording.demonstration.demonstration import DemonstrationWriter, load_demonstration
+from poil_drake.recording.demonstration.demonstration import load_demonstration
+from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
 pytestmark = pytest.mark.render
 

@@ -3,8 +3,7 @@ import json
 import pytest
 from replay_comparisons import make_run, make_summary
 
-from poil_drake.recording.run_log.recorded_run import PhaseStart
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import PhaseStart, Series
 
 
 def test_the_closing_line_sums_up_a_replay_without_differences():

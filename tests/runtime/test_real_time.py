@@ -73,52 +73,36 @@ def test_the_priority_ends_with_the_block() -> None:
     in_thread(work)
 
 
-def test_followers_get_the_next_lower_priority() -> None:
-    ended = threading.Event()
-    follower = threading.Thread(target=ended.wait)
-    follower.start()
-    thread = follower.native_id
-    assert thread is not None
+@pytest.mark.parametrize("own", [0, 30], ids=["normal", "real-time"])
+def test_followers_get_the_next_lower_priority_unless_they_have_a_real_time_one(own: int) -> None:
+    ended, begun = threading.Event(), threading.Event()
+
+    def run() -> None:
+        with RealTimeScheduling(own):
+            begun.set()
+            ended.wait()
+
+    def scheduling() -> tuple[int, int]:
+        policy = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
+        return policy, os.sched_getparam(thread).sched_priority
 
     def work() -> None:
+        before = scheduling()
         with RealTimeScheduling(20, followers=True) as granted:
-            inside = os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK
-            assert inside == (os.SCHED_RR if granted else os.SCHED_OTHER)
-            assert os.sched_getparam(thread).sched_priority == (19 if granted else 0)
-        assert os.sched_getscheduler(thread) & ~os.SCHED_RESET_ON_FORK == os.SCHED_OTHER
+            raised = granted and own == 0
+            assert scheduling() == ((os.SCHED_RR, 19) if raised else before)
+        assert scheduling() == before
 
+    follower = threading.Thread(target=run)
+    follower.start()
+    begun.wait()
+    thread = follower.native_id
+    assert thread is not None
     try:
         in_thread(work)
     finally:
         ended.set()
         follower.join()
-
-
-def test_threads_with_a_real_time_priority_keep_it() -> None:
-    ended, begun = threading.Event(), threading.Event()
-    scheduling: list[tuple[int, int]] = []
-
-    def run() -> None:
-        with RealTimeScheduling(30):
-            scheduling.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
-            begun.set()
-            ended.wait()
-            scheduling.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
-
-    other = threading.Thread(target=run)
-    other.start()
-    begun.wait()
-
-    def work() -> None:
-        with RealTimeScheduling(20, followers=True):
-            pass
-
-    try:
-        in_thread(work)
-    finally:
-        ended.set()
-        other.join()
-    assert scheduling[0] == scheduling[1]
 
 
 def test_priority_zero_asks_for_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

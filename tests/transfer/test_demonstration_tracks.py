@@ -16,10 +16,10 @@ X = np.array([1.0, 0.0, 0.0])
 MASKS = (np.ones((2, 2), dtype=bool),)
 
 
-def frames(count: int) -> Demonstration:
+def frames(count: int, *, period: float = 0.5) -> Demonstration:
     camera = CameraModel("camera", 2, 2, np.eye(3), np.eye(4))
     image = np.zeros((2, 2, 3)), np.ones((2, 2))
-    images = [RgbdImage(*image, 5.0 + 0.5 * k) for k in range(count)]
+    images = [RgbdImage(*image, 5.0 + period * k) for k in range(count)]
     return Demonstration([MultiViewFrame((camera,), (image,)) for image in images])
 
 
@@ -60,9 +60,9 @@ def test_tracks_start_at_time_zero_and_cover_every_frame() -> None:
 
 
 def test_a_short_gap_is_tolerated() -> None:
-    tracks = track_demonstration(
-        frames(6), QUERY, MASKS, tracker=GivenTracks(shifted(6), lost=(2, 3)), max_gap=1.1
-    )
+    tracker = GivenTracks(shifted(6), lost=(2, 3))
+
+    tracks = track_demonstration(frames(6), QUERY, MASKS, tracker=tracker)
 
     assert np.isnan(tracks.positions[2:4]).all()
     np.testing.assert_allclose(tracks.positions[4], QUERY + 4.0 * X)
@@ -77,9 +77,7 @@ def test_a_short_gap_is_tolerated() -> None:
 )
 def test_a_loss_raises_with_its_time(lost: tuple[int, ...], says: str) -> None:
     with pytest.raises(TrackingError, match=says):
-        track_demonstration(
-            frames(6), QUERY, MASKS, tracker=GivenTracks(shifted(6), lost), max_gap=1.1
-        )
+        track_demonstration(frames(6), QUERY, MASKS, tracker=GivenTracks(shifted(6), lost))
 
 
 BODY = 0.03 * np.random.default_rng(0).normal(size=(8, 3))
@@ -125,24 +123,22 @@ def test_a_body_that_falls_apart_is_lost() -> None:
 
 
 def test_slow_motion_is_tracked_less_often() -> None:
-    camera = CameraModel("camera", 2, 2, np.eye(3), np.eye(4))
-    image = np.zeros((2, 2, 3)), np.ones((2, 2))
-    stamps = np.arange(33) / 32
-    recorded = [MultiViewFrame((camera,), (RgbdImage(*image, t),)) for t in stamps]
+    recorded = frames(33, period=1 / 32)
     # The body moves at 0.08 m/s for half a second, then at 0.64 m/s.
-    way = np.where(stamps < 0.5, 0.08 * stamps, 0.04 + 0.64 * (stamps - 0.5))
+    times = recorded.stamps - 5.0
+    way = np.where(times < 0.5, 0.08 * times, 0.04 + 0.64 * (times - 0.5))
 
     class Follower:
         def start(self, frame, query_points, object_masks) -> TrackerOutput:
             return self.step(None, frame)
 
         def step(self, state, frame, motion_prior=None) -> TrackerOutput:
-            points = BODY + np.interp(frame.stamp, stamps, way) * X
+            points = BODY + np.interp(frame.stamp, recorded.stamps, way) * X
             return TrackerOutput(
                 None, TrackedPoints(points, np.ones(len(BODY)), frame.stamp), False
             )
 
-    tracks = track_demonstration(Demonstration(recorded), BODY, MASKS, tracker=Follower())
+    tracks = track_demonstration(recorded, BODY, MASKS, tracker=Follower())
 
     gaps = np.diff(tracks.times)
     assert gaps[0] == 1 / 32  # The speed is unknown.

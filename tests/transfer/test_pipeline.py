@@ -18,12 +18,9 @@ from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors import LabelImageDetector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
-from poil_drake.recording.demonstration.demonstration import (
-    Demonstration,
-    DemonstrationWriter,
-    load_demonstration,
-)
-from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
+from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
+from poil_drake.recording.demonstration.writer import DemonstrationWriter
+from poil_drake.transfer.alignment.problem import CoarseAlignmentConfig
 from poil_drake.transfer.part_points import sample_part_points
 from poil_drake.transfer.pipeline import TransferConfig, TransferResult, transfer
 

@@ -10,8 +10,7 @@ from poil_drake.recording.run_log.layout import (
     TRACKER_STATUS_TOPIC,
     TRACKER_TIMES_TOPIC,
 )
-from poil_drake.recording.run_log.recorded_run import REMEDY, LoggedTrack, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import REMEDY, LoggedTrack, RecordedRun, Series
 from poil_drake.systems.capture_timing import RecordedTiming
 from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.recorded_tracker import RecordedTrack

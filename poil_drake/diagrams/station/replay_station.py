@@ -32,8 +32,7 @@ from poil_drake.recording.run_log.layout import (
     STATION_KEY,
     TRACKER_TIMES_TOPIC,
 )
-from poil_drake.recording.run_log.recorded_run import RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import RecordedRun, Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
 from poil_drake.systems.panda.recorded_robot import (
     HAND,

@@ -8,7 +8,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from poil_drake.recording.comparison.signal_pair import SignalPair
+from poil_drake.recording.comparison.differences import SignalPair, TrackComparison, compare_tracks
 from poil_drake.recording.comparison.tolerances import (
     ANGULAR_VELOCITY,
     JOINT_VELOCITY,
@@ -16,9 +16,7 @@ from poil_drake.recording.comparison.tolerances import (
     TRACKED_POINTS,
     ReplayTolerances,
 )
-from poil_drake.recording.comparison.track_comparison import TrackComparison, compare_tracks
-from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import PhaseStart, RecordedRun, Series
 
 PHASE, TRACKS = "phase", "tracks"
 """Values of `FirstDifference.what` besides the names of signals."""
@@ -212,8 +210,8 @@ class RunComparison:
 
     def _tracks_missing(self) -> Iterator[FirstDifference]:
         wanted, tolerance = self.tolerances.point_phases, self.tolerances.unmatched_tracks
-        judged = [pair for pair in self.tracks.pairs if self._phase_at(pair.time) in wanted]
-        times = [pair.time for pair in judged if not pair.comparable]
+        judged = [pair for pair in self.tracks.pairs if self._phase_at(pair[0]) in wanted]
+        times = [time for time, comparable in judged if not comparable]
         share = len(times) / max(len(judged), 1)
         if share > tolerance:
             yield self._difference(min(times), TRACKS, share, tolerance)

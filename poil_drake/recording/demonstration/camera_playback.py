@@ -11,7 +11,7 @@ from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
 from poil_drake.recording.demonstration.frame_grouping import median_period
-from poil_drake.recording.demonstration.recorded_frames import RecordedFrames
+from poil_drake.recording.demonstration.stored_images import RecordedFrames
 from poil_drake.runtime.interpreter_turns import TURNS
 
 

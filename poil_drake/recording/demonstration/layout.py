@@ -2,9 +2,11 @@
 
 import json
 import re
+from collections.abc import Mapping
 from operator import index
+from pathlib import Path
 
-from poil_drake.errors import InvalidValueError
+from poil_drake.errors import DemonstrationError
 
 WORLD_FRAME = "world"
 TRANSFORM_TOPIC = "/tf"
@@ -27,16 +29,18 @@ def optical_frame(camera: str) -> str:
     return f"{camera}_optical_frame"
 
 
-def parse_label_ids(text: str) -> dict[str, tuple[int, ...]]:
-    """Parses the metadata `label_ids`: the render labels of each object and part.
+def parse_label_ids(path: Path, metadata: Mapping[str, str]) -> dict[str, tuple[int, ...]]:
+    """Returns the render labels of each object and part, from the metadata of a file.
 
     Raises:
-        InvalidValueError: if `text` is not a JSON object whose values are lists of integers.
+        DemonstrationError: if they are not a JSON object whose values are lists of integers.
     """
+    text = metadata.get(LABEL_IDS_KEY, "{}")
     try:
         return {name: tuple(index(i) for i in ids) for name, ids in json.loads(text).items()}
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InvalidValueError(
-            f"the metadata '{LABEL_IDS_KEY}' is not a JSON object of label lists: {text[:80]}.",
+        raise DemonstrationError(
+            f"{path}: the metadata '{LABEL_IDS_KEY}' is not a JSON object of label lists: "
+            f"{text[:80]}.",
             remedy='Use a list of render labels for each name, e.g. {"mug": [3, 4]}.',
         ) from error

@@ -1,23 +1,33 @@
-"""Images that stay in their MCAP file until they are needed."""
+"""Images and frames that stay in their MCAP file until they are needed."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self
 
+import cv2
+import numpy as np
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.layout import camera_topic
-from poil_drake.recording.demonstration.rectification import rectify
-from poil_drake.recording.mcap.image_messages import decode_color, decode_depth, decode_label
-from poil_drake.recording.mcap.message_decoders import Calibration
+from poil_drake.recording.mcap.message_decoders import (
+    Calibration,
+    decode_color,
+    decode_depth,
+    decode_label,
+)
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
 
 _DECODERS = {"image": decode_color, "depth": decode_depth, "label": decode_label}
+
+# A 640 x 480 frame of two cameras takes 4 MB; a tracker needs a frame and its predecessor.
+_CACHED_FRAMES = 4
 
 
 @dataclass(frozen=True)
@@ -113,10 +123,133 @@ class StoredImages:
                     f"{problem}",
                     remedy=getattr(error, "remedy", "Record the demonstration again."),
                 ) from error
-            pixels[kind] = rectify(decoded, lens, interpolate=kind == "image") if lens else decoded
+            pixels[kind] = _rectify(decoded, lens, interpolate=kind == "image") if lens else decoded
         return RgbdImage(
             rgb=pixels["image"],
             depth=pixels["depth"],
             stamp=to_seconds(self.color.stamp),
             label=pixels.get("label"),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class StoredView:
+    """What one camera saw at one instant, not yet decoded.
+
+    Attributes:
+        name: The camera's name.
+        calibration: Its intrinsics.
+        X_WC: (4, 4) pose of the camera in the world [m].
+        images: Its images.
+    """
+
+    name: str
+    calibration: Calibration
+    X_WC: np.ndarray
+    images: StoredImages
+
+
+class RecordedFrames(Sequence[MultiViewFrame]):
+    """A sequence of frames, each decoded from the file when it is accessed.
+
+    The last few frames are cached. Accessing a frame whose images cannot be decoded raises a
+    DemonstrationError that names the file and the topic.
+
+    Args:
+        path: The file.
+        instants: The views of each instant, in chronological order.
+        label_ids: See `MultiViewFrame.label_ids`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        instants: Sequence[tuple[StoredView, ...]],
+        label_ids: Mapping[str, tuple[int, ...]],
+    ):
+        self._path = path
+        self._instants = tuple(instants)
+        self._label_ids = dict(label_ids)
+        self._frame = lru_cache(_CACHED_FRAMES)(self._decode)
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """The (T,) stamps of the frames [s]; reading them decodes no images."""
+        return np.array(
+            [min(to_seconds(view.images.color.stamp) for view in views) for views in self._instants]
+        )
+
+    @property
+    def labelled(self) -> bool:
+        """Whether any view has a label image; reading this decodes no images."""
+        return any(view.images.label is not None for views in self._instants for view in views)
+
+    def __len__(self) -> int:
+        return len(self._instants)
+
+    def __getitem__(self, index: int | slice) -> Any:
+        """Returns one frame, or a slice as `RecordedFrames`."""
+        if isinstance(index, slice):
+            return RecordedFrames(self._path, self._instants[index], self._label_ids)
+        return self._frame(range(len(self))[index])
+
+    def _decode(self, index: int) -> MultiViewFrame:
+        views = self._instants[index]
+        # Images first, because decoding them checks the size in the calibration.
+        images = tuple(self._image(view) for view in views)
+        cameras = tuple(
+            CameraModel(v.name, v.calibration.width, v.calibration.height, v.calibration.K, v.X_WC)
+            for v in views
+        )
+        labelled = any(view.images.label is not None for view in views)
+        return MultiViewFrame(cameras, images, self._label_ids if labelled else {})
+
+    def _image(self, view: StoredView) -> RgbdImage:
+        lens = view.calibration
+        return view.images.read(
+            self._path,
+            view.name,
+            size=(lens.width, lens.height),
+            size_source="the camera is calibrated for",
+            lens=lens,
+        )
+
+
+def _rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -> np.ndarray:
+    """Returns the image that a pinhole camera with the same K would take.
+
+    Args:
+        image: (H, W) or (H, W, 3).
+        calibration: The camera's calibration. Without distortion, the image is returned unchanged.
+        interpolate: Use True for colour. False takes the nearest pixel, so that depth and labels
+            are not mixed across edges.
+
+    Returns:
+        An image of the same shape; 0 outside the field of view of the lens.
+    """
+    if calibration.distortion.size == 0:
+        return image
+    map_u, map_v = _maps(
+        tuple(calibration.K.ravel()),
+        tuple(calibration.distortion),
+        (calibration.width, calibration.height),
+    )
+    return cv2.remap(
+        image,
+        map_u,
+        map_v,
+        cv2.INTER_LINEAR if interpolate else cv2.INTER_NEAREST,
+        borderMode=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+
+
+@lru_cache(maxsize=8)
+def _maps(
+    K: tuple[float, ...], distortion: tuple[float, ...], size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns (H, W) u and v: where each rectified pixel is in the distorted image [px]."""
+    matrix = np.reshape(K, (3, 3))
+    return cv2.initUndistortRectifyMap(
+        matrix, np.array(distortion), None, matrix, size, cv2.CV_32FC1
+    )

@@ -20,9 +20,8 @@ from poil_drake.recording.demonstration.layout import (
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_encoder import MessageEncoder
+from poil_drake.recording.mcap.message_encoder import ColorEncoding, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
 from poil_drake.runtime.output_files import whole_file

@@ -1,6 +1,7 @@
 """The versions of the libraries that results depend on."""
 
 import platform
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
 _LIBRARIES = ("poil-drake", "drake", "numpy", "scipy", "torch", "open3d", "pin", "ompl")
@@ -10,10 +11,8 @@ def library_versions() -> dict[str, str]:
     """Returns the versions of Python and of the libraries that results depend on."""
     found = {"python": platform.python_version()}
     for name in _LIBRARIES:
-        try:
+        with suppress(PackageNotFoundError):
             found[name] = version(name)
-        except PackageNotFoundError:
-            continue
     return found
 
 

@@ -68,10 +68,8 @@ def json_schema(title: str, record: Mapping[str, Any]) -> dict[str, Any]:
 
 def _schema_of(value: Any) -> dict[str, Any]:
     if isinstance(value, dict):
-        return {
-            "type": "object",
-            "properties": {key: _schema_of(item) for key, item in value.items()},
-        }
+        properties = {key: _schema_of(item) for key, item in value.items()}
+        return {"type": "object", "properties": properties}
     if isinstance(value, list):
         return {"type": "array", "items": _schema_of(value[0]) if value else {}}
     if isinstance(value, bool):

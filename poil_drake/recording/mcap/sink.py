@@ -70,9 +70,7 @@ class McapSink:
         self._writer.add_attachment(0, 0, name, media_type, data)
 
     def close(self) -> None:
-        """Writes the index and footer, and closes the file. A second call does nothing."""
-        if self._stream.closed:
-            return
+        """Writes the index and footer, and closes the file."""
         try:
             self._writer.finish()
         finally:

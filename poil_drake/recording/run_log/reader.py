@@ -35,8 +35,13 @@ from poil_drake.recording.run_log.layout import (
     TRACKER_TIMES_TOPIC,
     TWIST_TOPIC,
 )
-from poil_drake.recording.run_log.recorded_run import REMEDY, LoggedTrack, PhaseStart, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import (
+    REMEDY,
+    LoggedTrack,
+    PhaseStart,
+    RecordedRun,
+    Series,
+)
 from poil_drake.robots.panda import ARM_JOINTS
 
 NUMBERS = {

@@ -1,26 +1,61 @@
-"""A recorded run; its images stay in the log until they are needed."""
+"""A recorded run: its signals, and its images, which stay in the log until they are needed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
-from poil_drake.errors import DemonstrationError, InvalidValueError, RunLogError
+from poil_drake.errors import DemonstrationError, RunLogError
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.demonstration.layout import LABEL_IDS_KEY, parse_label_ids
+from poil_drake.recording.demonstration.layout import parse_label_ids
 from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.message_decoders import Calibration
-from poil_drake.recording.run_log.series import Series
 
 REMEDY = "Use a log that poil run or poil execute wrote, or copy the log again."
 """What to do if a log cannot be used."""
 
 _CACHED_IMAGES = 2
 """Number of decoded images to keep. The tracker and the detector share each image."""
+
+ROUNDING = 1e-9
+"""Tolerance for the rounding of times to nanoseconds [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Samples in chronological order.
+
+    Attributes:
+        times: (T,) times of the samples [s].
+        values: (T, N) samples, one per row.
+    """
+
+    times: np.ndarray
+    values: np.ndarray
+
+    @classmethod
+    def of(cls, samples: Sequence[tuple[float, Sequence[float] | np.ndarray]], size: int) -> Self:
+        """Makes a series from unordered (time [s], sample) pairs with `size` values per sample."""
+        ordered = sorted(samples, key=lambda sample: sample[0])
+        times = np.array([time for time, _ in ordered], dtype=float)
+        return cls(times, np.array([value for _, value in ordered], float).reshape(-1, size))
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    @property
+    def period(self) -> float:
+        """Median time between the samples [s]; NaN if there are fewer than two."""
+        return float(np.median(np.diff(self.times))) if len(self) > 1 else float("nan")
+
+    def at(self, time: float) -> np.ndarray:
+        """Returns the (N,) newest sample at or before a time [s]; NaN if there is none."""
+        index = np.searchsorted(self.times, time + ROUNDING, side="right") - 1
+        return np.full(self.values.shape[1:], np.nan) if index < 0 else self.values[index]
 
 
 class PhaseStart(NamedTuple):
@@ -94,9 +129,9 @@ class RecordedRun:
             RunLogError: if the metadata `label_ids` is not a JSON object of label lists.
         """
         try:
-            return parse_label_ids(self.metadata.get(LABEL_IDS_KEY, "{}"))
-        except InvalidValueError as error:
-            raise RunLogError(f"{self.path}: {error.problem}", remedy=REMEDY) from error
+            return parse_label_ids(self.path, self.metadata)
+        except DemonstrationError as error:
+            raise RunLogError(error.problem, remedy=REMEDY) from error
 
     def image_reader(self, camera: CameraModel) -> Callable[[int], RgbdImage]:
         """Returns a function that decodes image k of the camera, i.e. `images[camera.name][k]`.

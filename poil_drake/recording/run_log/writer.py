@@ -19,14 +19,13 @@ from poil_drake.recording.demonstration.layout import (
     camera_topic,
     optical_frame,
 )
-from poil_drake.recording.mcap.image_messages import ColorEncoding
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
+from poil_drake.recording.mcap.message_encoder import ColorEncoding, EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.plain_json import json_record
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
 from poil_drake.recording.run_log.layout import JOINT_STATES_TOPIC, PHASE_TOPIC, PLAN_ATTACHMENT
-from poil_drake.runtime.background_worker import BackgroundWorker
+from poil_drake.runtime.background_thread import BackgroundWorker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +38,6 @@ class RunLogConfig:
         exact_depth: Whether depth is logged without rounding to millimetres, which doubles the
             log's size. With "raw" or "png" colour as well, a replay sees exactly what the run saw.
         images: Whether images are written; otherwise they are discarded at once.
-        queue_capacity: How many messages may wait for the writing thread. 2048 messages cover
-            more than a second at the default rates, and take 60 MB including images.
         drop_when_full: Whether a full queue drops messages, and counts them in the metadata
             `dropped_messages`, instead of blocking the caller. True for hardware, where the loop
             must not wait for a disk.
@@ -51,7 +48,6 @@ class RunLogConfig:
     color: ColorEncoding = field(default_factory=lambda: ColorEncoding(jpeg_quality=85))
     exact_depth: bool = False
     images: bool = True
-    queue_capacity: int = 2048
     drop_when_full: bool = False
     chunk_size: int = 1 << 20
 
@@ -63,6 +59,10 @@ class RunLogConfig:
 
 _BATCH = 48
 """Number of messages handed to the background thread at once: those of about 1/32 s."""
+
+_BATCHES = 42
+"""How many batches may wait for the writing thread. Their messages cover more than a second at the
+default rates, and take 60 MB including images."""
 
 
 class RunLogWriter:
@@ -108,10 +108,7 @@ class RunLogWriter:
             )
         if plan is not None:
             self._sink.add_attachment(PLAN_ATTACHMENT, media_type="application/zip", data=plan)
-        batch = min(_BATCH, self._config.queue_capacity)
-        self._worker = BackgroundWorker(
-            name="run_log", capacity=self._config.queue_capacity // batch, batch=batch
-        )
+        self._worker = BackgroundWorker(name="run_log", capacity=_BATCHES, batch=_BATCH)
         atexit.register(self.close)
 
     def write_calibration(self, camera: CameraModel, *, time: float) -> None:

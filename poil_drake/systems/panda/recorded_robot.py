@@ -5,7 +5,7 @@ from collections.abc import Collection
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import Series
 from poil_drake.robots.panda import NUM_JOINTS
 from poil_drake.systems.control_period import CONTROL_PERIOD
 

@@ -7,8 +7,11 @@ from scipy.spatial import cKDTree
 
 from poil_drake.geometry.point_cloud import PointCloud, farthest_point_sampling
 from poil_drake.geometry.rigid_transform import skew
-from poil_drake.transfer.alignment.nearest_neighbours import NearestNeighbours, nearest_both_ways
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
+
+Neighbours = tuple[np.ndarray, np.ndarray]
+"""For each point of K placements of a cloud, (K, n) the index of the nearest point of the other
+cloud, and (K, n) the squared distance to it."""
 
 PART_CLOUD, CONTEXT_CLOUD = 0, 1
 """Index of the part and of its context in the scales and translations of an `AlignmentState`."""
@@ -137,9 +140,10 @@ class CloudTerm:
 
     def energy(self, state: AlignmentState, width: float) -> np.ndarray:
         """Returns the energies (K,), in [0, 1]; `width` is w, in units of `frame.length`."""
-        nearest = self._match(state, self.place(state, self.source)[0])
-        forward = -np.expm1(-nearest.source_squares / (2.0 * width**2))
-        backward = -np.expm1(-nearest.target_squares / (2.0 * width**2))
+        points, _ = self.place(state, self.source)
+        (_, source_squares), (_, target_squares) = self._match(state, points)
+        forward = -np.expm1(-source_squares / (2.0 * width**2))
+        backward = -np.expm1(-target_squares / (2.0 * width**2))
         return 0.5 * (forward.mean(axis=1) + backward.mean(axis=1))
 
     def linearize(
@@ -147,24 +151,18 @@ class CloudTerm:
     ) -> None:
         """Adds the Gauss-Newton approximation of `weight` times the energy to `equations`."""
         points, jacobian = self.place(state, self.source)
-        nearest = self._match(state, points)
-        j, i = nearest.target_of_source, nearest.source_of_target
+        (j, source_squares), (i, target_squares) = self._match(state, points)
         nearest_points = np.take_along_axis(points, i[..., None], axis=1)
         nearest_jacobian = np.take_along_axis(jacobian, i[..., None, None], axis=1)
         for squares, offset, slope, metric in (
-            (nearest.source_squares, points - self.target[j], jacobian, self.metric[j]),
-            (
-                nearest.target_squares,
-                nearest_points - self.target[None],
-                nearest_jacobian,
-                self.metric[None],
-            ),
+            (source_squares, points - self.target[j], jacobian, self.metric[j]),
+            (target_squares, nearest_points - self.target, nearest_jacobian, self.metric),
         ):
             w = 0.5 * weight / (width**2 * squares.shape[1]) * np.exp(-squares / (2.0 * width**2))
             residual = (metric @ offset[..., None])[..., 0]
             equations.add(_OWN_COLUMNS[self.cloud], metric @ slope, residual, w)
 
-    def _match(self, state: AlignmentState, points: np.ndarray) -> NearestNeighbours:
+    def _match(self, state: AlignmentState, points: np.ndarray) -> tuple[Neighbours, Neighbours]:
         if not self.target_normals.any():
             return nearest_both_ways(points, self.target)
         normals = self.source_normals @ np.swapaxes(state.R, 1, 2)
@@ -182,3 +180,30 @@ def _surface_metric(points: np.ndarray, cloud: np.ndarray) -> np.ndarray:
     share = 1.0 - spread / np.maximum(spread[:, 2:], 1e-12)
     counted = np.sqrt(_TANGENTIAL_WEIGHT + (1.0 - _TANGENTIAL_WEIGHT) * share)
     return (axes * counted[:, None, :]) @ np.swapaxes(axes, 1, 2)
+
+
+def nearest_both_ways(sources: np.ndarray, target: np.ndarray) -> tuple[Neighbours, Neighbours]:
+    """Returns the neighbours of the sources in the target, and of the target in the sources.
+
+    |a - b|^2 is least where a . b - |b|^2 / 2 is greatest, so matrix products search all pairs.
+    Neighbours are found in single precision. Their distances are computed in double precision.
+
+    Args:
+        sources: (K, n, d) K placements of one cloud.
+        target: (m, d) the other cloud, of about unit size.
+    """
+    a, b = sources.astype(np.float32), target.astype(np.float32)
+    forward = _with(a, 1.0) @ _with(b, -0.5 * np.sum(b * b, axis=-1)).T
+    j = np.argmax(forward, axis=2)
+    backward = _with(b, 1.0) @ np.swapaxes(_with(a, -0.5 * np.sum(a * a, axis=-1)), 1, 2)
+    i = np.argmax(backward, axis=2)
+    nearest_source = np.take_along_axis(sources, i[..., None], axis=1)
+    source_squares = np.sum((sources - target[j]) ** 2, axis=-1)
+    target_squares = np.sum((nearest_source - target) ** 2, axis=-1)
+    return (j, source_squares), (i, target_squares)
+
+
+def _with(points: np.ndarray, last: np.ndarray | float) -> np.ndarray:
+    """Returns the points with `last` appended as one more coordinate, in single precision."""
+    column = np.broadcast_to(np.float32(last), points.shape[:-1])[..., None]
+    return np.concatenate([points, column.astype(np.float32)], axis=-1)

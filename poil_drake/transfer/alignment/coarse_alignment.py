@@ -1,14 +1,12 @@
-"""Coarse alignment of a demonstrated part with a target part (POIL section III-A)."""
+"""Coarse alignment of a demonstrated part with a target part (POIL sections III-A and B)."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.transfer.alignment.problem import AlignmentProblem
-from poil_drake.transfer.alignment.rotation_grid import (
-    distinct_rotations,
-    super_fibonacci_rotations,
-)
 from poil_drake.transfer.alignment.state import AlignmentState
 from poil_drake.transfer.progress import Progress
 
@@ -29,6 +27,12 @@ first, so that distant parts find each other, and about the sensor's noise at th
 a handle)."""
 
 _CONTEXT_WIDTH = 0.1  # Width for the rest of the object in the final score.
+
+SYMMETRY_TOLERANCE = 0.15
+"""Largest Chamfer distance between a symmetric part and its turned copy, relative to the part's
+root mean square radius. For a handle of 25 mm by 8 mm seen from one side, the distance is 0.15."""
+
+_KEPT = 0.8  # Fraction of the points that count, nearest first; the rest may have no counterpart.
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +58,42 @@ class CoarseAlignment:
     target_center: np.ndarray
     cost: float
 
-    @property
-    def matrix(self) -> np.ndarray:
-        """The (3, 3) linear map A."""
-        return self.rotation @ (self.axes * self.scales) @ self.axes.T
-
     def apply(self, points: np.ndarray) -> np.ndarray:
         """Returns where demonstrated points (P, 3) [m] lie on the target [m]."""
-        return (points - self.source_center) @ self.matrix.T + self.target_center
+        A = self.rotation @ (self.axes * self.scales) @ self.axes.T
+        return (points - self.source_center) @ A.T + self.target_center
+
+
+def symmetric_alignments(
+    problem: AlignmentProblem, target_part: np.ndarray, *, progress: Progress | None = None
+) -> list[CoarseAlignment]:
+    """Returns the best alignment and its alternatives, best first.
+
+    If the target's part looks the same after half a turn about a principal axis, the alignment
+    followed by this turn fits the part equally well, but leads to another reference (POIL section
+    III-B). The search may miss such turns of the best alignment, so they are refined, too.
+    Alignments that cost more than `CoarseAlignmentConfig.cost_margin` above the best one, for
+    example because they do not fit the rest of the object, are left out.
+
+    Args:
+        problem: The alignment problem.
+        target_part: (Q, 3) the target's part [m].
+        progress: Called with the current activity and its completed fraction.
+    """
+    found = align_parts(problem, progress=progress)
+
+    def is_new(rotation: np.ndarray) -> bool:
+        return all(rotation_angle(rotation @ a.rotation.T) > MODE_ANGLE for a in found)
+
+    turns, chamfers = half_turns(target_part)
+    turned = [turn @ found[0].rotation for turn in turns[chamfers <= SYMMETRY_TOLERANCE]]
+    turned = [rotation for rotation in turned if is_new(rotation)]
+    if turned:
+        for extra in align_parts(problem, np.array(turned)):
+            if is_new(extra.rotation):
+                found.append(extra)
+    found.sort(key=lambda a: a.cost)
+    return [a for a in found if a.cost <= found[0].cost + problem.config.cost_margin]
 
 
 def align_parts(
@@ -122,3 +154,69 @@ def align_parts(
         )
         for k in modes
     ]
+
+
+def super_fibonacci_rotations(count: int) -> np.ndarray:
+    """Returns rotation matrices (count, 3, 3) spread evenly over SO(3).
+
+    The super-Fibonacci spiral of Alexa (CVPR 2022) has no holes, unlike random samples. With 720
+    rotations, every orientation is within about 25 degrees of one of them.
+    """
+    phi, psi = np.sqrt(2.0), 1.533751168755204288118041  # psi^4 = psi + 4
+    s = np.arange(count) + 0.5
+    inner, outer = np.sqrt(s / count), np.sqrt(1.0 - s / count)
+    alpha, beta = 2.0 * np.pi * s / phi, 2.0 * np.pi * s / psi
+    x, y = inner * np.sin(alpha), inner * np.cos(alpha)
+    z, w = outer * np.sin(beta), outer * np.cos(beta)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def distinct_rotations(
+    rotations: np.ndarray, costs: np.ndarray, *, angle: float, count: int
+) -> np.ndarray:
+    """Returns the indices of the cheapest rotations that differ pairwise by more than an angle.
+
+    Args:
+        rotations: (K, 3, 3) rotation matrices.
+        costs: (K,) their costs.
+        angle: Smallest angle between two of the returned rotations [rad].
+        count: Largest number of indices.
+
+    Returns:
+        (M,) indices in order of increasing cost, 1 <= M <= count.
+    """
+    kept: list[int] = []
+    for index in np.argsort(costs, kind="stable"):
+        traces = np.einsum("kij,ij->k", rotations[kept], rotations[index])
+        if np.all(traces < 1.0 + 2.0 * np.cos(angle)):
+            kept.append(int(index))
+        if len(kept) == count:
+            break
+    return np.array(kept)
+
+
+def half_turns(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compares a part with its copies turned by 180 degrees about its principal axes.
+
+    Args:
+        points: (P, 3) the part [m].
+
+    Returns:
+        The rotation matrices (3, 3, 3), starting with the axis of the largest extent, and the
+        trimmed mean distances (3,) between the part and its turned copies, relative to the part's
+        root mean square radius.
+    """
+    arms = points - points.mean(axis=0)
+    _, axes = np.linalg.eigh(arms.T @ arms)
+    radius = float(np.sqrt(np.mean(np.sum(arms**2, axis=1))))
+    tree = cKDTree(arms)
+    count = max(1, round(_KEPT * len(arms)))
+    turns = np.array([2.0 * np.outer(axis, axis) - np.eye(3) for axis in axes.T[::-1]])
+    # A half turn is its own inverse, so both directions have the same distances.
+    distances = [np.sort(tree.query(arms @ turn.T)[0])[:count].mean() for turn in turns]
+    return turns, np.array(distances) / max(radius, 1e-12)

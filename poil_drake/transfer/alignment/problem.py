@@ -7,9 +7,8 @@ import numpy as np
 from poil_drake.errors import TransferError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.transfer.alignment.cloud_term import CONTEXT_CLOUD, PART_CLOUD, CloudTerm
-from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
+from poil_drake.transfer.alignment.join_term import JoinTerm
 from poil_drake.transfer.alignment.state import AlignmentState, NormalEquations
-from poil_drake.transfer.registration.join_term import JoinTerm
 
 _SCALES = np.r_[3:6, 9:12]
 _SCALE_DEVIATION = 0.25  # Of the logarithmic scales: mugs differ by 25 percent.
@@ -17,6 +16,32 @@ _NORMAL_WEIGHT = 0.25  # Distinguishes the inside of a wall from its outside.
 _JOIN_WEIGHT = 0.3
 _DAMPING = 1e-4
 _MIN_POINTS = 12  # Fewer points have no shape to align.
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoarseAlignmentConfig:
+    """How parts are aligned coarsely. Costs are on the scale of a truncated Chamfer distance.
+
+    Attributes:
+        max_modes: Largest number of alignments that the search returns.
+        cost_margin: Alignments that cost at most this much more than the best one are alternatives
+            to it. Aligning an upright mug upside down costs 0.08 to 0.2 more, because of its body
+            and of `upright_weight`; with the handle alone it would cost the same.
+        scale_weight: Weight of the prior, which prefers scales near 1. It is small, so the prior
+            only decides scales that the views do not show.
+        context_weight: Weight of the Chamfer distance of the rest of the object, relative to that
+            of the part. The paper aligns parts alone (0), but a handle seen from one side is
+            ambiguous; the body shows where up and outside are.
+        upright_weight: Cost of an object that is turned upside down (by 180 degrees from its
+            vertical), because objects usually stand the way they did in the demonstration. The
+            paper has no such cost. It is small, so it only decides between nearly equal fits.
+    """
+
+    max_modes: int = 6
+    cost_margin: float = 0.06
+    scale_weight: float = 0.02
+    context_weight: float = 1.0
+    upright_weight: float = 0.06
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,7 +23,7 @@ from poil_drake.recording.comparison.tolerances import (
     LINEAR_VELOCITY,
     TRACKED_POINTS,
 )
-from poil_drake.recording.mcap.image_messages import ColorEncoding
+from poil_drake.recording.mcap.message_encoder import ColorEncoding
 from poil_drake.recording.run_log.layout import JOINT_COMMANDS_TOPIC, JOINT_STATES_TOPIC
 from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogConfig

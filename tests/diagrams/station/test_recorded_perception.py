@@ -6,8 +6,7 @@ import pytest
 from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
 from poil_drake.errors import RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
-from poil_drake.recording.run_log.recorded_run import LoggedTrack, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import LoggedTrack, RecordedRun, Series
 from poil_drake.systems.statuses import TrackerStatus
 
 NAN = np.nan

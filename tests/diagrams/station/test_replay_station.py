@@ -16,8 +16,7 @@ from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.station.replay_station import ReplayStation
 from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.run_log.reader import load_recorded_run
-from poil_drake.recording.run_log.recorded_run import RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import RecordedRun, Series
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.tracking.recorded_tracker import RecordedTracker

@@ -10,7 +10,7 @@ from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.camera_playback import CameraPlayback
-from poil_drake.recording.mcap.image_messages import ColorEncoding
+from poil_drake.recording.mcap.message_encoder import ColorEncoding
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
 SIZE = (24, 32)

@@ -22,8 +22,7 @@ from poil_drake.recording.comparison.tolerances import (
     PERCEPTION_TOLERANCES,
     TRACKED_POINTS,
 )
-from poil_drake.recording.run_log.recorded_run import LoggedTrack, PhaseStart, RecordedRun
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import LoggedTrack, PhaseStart, RecordedRun, Series
 
 TOLERANCES = dataclasses.replace(SHARED_TOLERANCES, unmatched_tracks=0.3)
 TIMES = [0.0, 0.25, 0.5, 0.75]

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from small_frames import make_frame
 
 from poil_drake.errors import DemonstrationError
-from poil_drake.recording.demonstration.demonstration import DemonstrationWriter, load_demonstration
+from poil_drake.recording.demonstration.demonstration import load_demonstration
+from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
 COUNT = 4
 

@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from poil_drake.recording.demonstration.frame_tree import FrameTree
+from poil_drake.recording.demonstration.contents import FrameTree
 
 
 def pose(x, degrees=0.0):

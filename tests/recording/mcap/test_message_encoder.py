@@ -11,14 +11,15 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.images import CameraModel
-from poil_drake.recording.mcap.image_messages import ColorEncoding, decode_depth, decode_label
 from poil_drake.recording.mcap.message_decoders import (
     decode_calibration,
+    decode_depth,
     decode_joint_states,
+    decode_label,
     decode_points,
     decode_transform,
 )
-from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
+from poil_drake.recording.mcap.message_encoder import ColorEncoding, EncodedMessage, MessageEncoder
 
 NAMED = {"stamp": 5, "frame_id": "lens"}
 POINTS = np.array([[0.1, 0.2, 0.3], [np.nan] * 3])

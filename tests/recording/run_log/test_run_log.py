@@ -9,6 +9,7 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.recording.mcap.message_encoder import MessageEncoder
+from poil_drake.recording.run_log import writer
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
 
@@ -123,7 +124,9 @@ def test_arrays_may_be_changed_after_writing(path):
         np.testing.assert_array_equal(np.frombuffer(cloud.data, "<f4"), np.full(150, i))
 
 
-def test_a_full_queue_may_drop_messages_and_reports_it(path):
+def test_a_full_queue_may_drop_messages_and_reports_it(path, monkeypatch):
+    monkeypatch.setattr(writer, "_BATCHES", 1)
+    monkeypatch.setattr(writer, "_BATCH", 2)
     gate, started = threading.Event(), threading.Event()
 
     def slow(X, **named):
@@ -131,7 +134,7 @@ def test_a_full_queue_may_drop_messages_and_reports_it(path):
         gate.wait()
         return MessageEncoder().transform(X, parent="world", child="a", **named)
 
-    with RunLogWriter(path, config=RunLogConfig(queue_capacity=2, drop_when_full=True)) as dut:
+    with RunLogWriter(path, config=RunLogConfig(drop_when_full=True)) as dut:
         # Two messages wait as one batch.
         dut._write("/tf", slow, np.eye(4), time=0.0)
         dut._write("/tf", slow, np.eye(4), time=0.0)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from poil_drake.perception.images import RgbdImage
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import Series
 from poil_drake.systems.cameras.recorded_cameras import RecordedCamera, RecordedCameras
 
 H, W = 3, 4

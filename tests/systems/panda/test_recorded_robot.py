@@ -4,7 +4,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from system_bench import SystemBench
 
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.run_log.recorded_run import Series
 from poil_drake.systems.panda.recorded_robot import (
     HAND,
     JOINTS,

@@ -1,15 +1,21 @@
-"""The energies' gradients, against finite differences."""
+"""The energies and their gradients, the latter against finite differences."""
 
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.transfer.alignment.cloud_term import CONTEXT_CLOUD, PART_CLOUD, CloudTerm
+from poil_drake.transfer.alignment.cloud_term import (
+    CONTEXT_CLOUD,
+    PART_CLOUD,
+    CloudTerm,
+    nearest_both_ways,
+)
+from poil_drake.transfer.alignment.join_term import JoinTerm
 from poil_drake.transfer.alignment.state import UNKNOWNS, AlignmentState, NormalEquations
-from poil_drake.transfer.registration.join_term import JoinTerm
 
 Maker = Callable[..., PointCloud]
 
@@ -74,13 +80,13 @@ def test_opposite_normals_cost_more(make_body: Maker) -> None:
     assert opposite > same + 0.3
 
 
+def join_term(make_handle: Maker, make_body: Maker, context: PointCloud) -> JoinTerm | None:
+    terms = cloud_term(make_handle, PART_CLOUD), cloud_term(make_body, CONTEXT_CLOUD)
+    return JoinTerm.between(*terms, part=make_handle(), context=context)
+
+
 def test_join_term_gradient(make_handle: Maker, make_body: Maker) -> None:
-    dut = JoinTerm.between(
-        cloud_term(make_handle, PART_CLOUD),
-        cloud_term(make_body, CONTEXT_CLOUD),
-        part=make_handle(),
-        context=make_body(),
-    )
+    dut = join_term(make_handle, make_body, make_body())
     assert dut is not None
     # With equal deviations the result does not depend on the normals' rotation.
     dut = replace(dut, along=dut.across)
@@ -98,11 +104,19 @@ def test_no_join_where_part_and_rest_are_apart(make_handle: Maker, make_body: Ma
     body = make_body()
     far = PointCloud(body.points - [0.1, 0.0, 0.0], body.normals)
 
-    dut = JoinTerm.between(
-        cloud_term(make_handle, PART_CLOUD),
-        cloud_term(make_body, CONTEXT_CLOUD),
-        part=make_handle(),
-        context=far,
-    )
+    assert join_term(make_handle, make_body, far) is None
 
-    assert dut is None
+
+def test_neighbours_agree_with_a_tree_in_both_directions() -> None:
+    rng = np.random.default_rng(0)
+    sources, target = rng.normal(size=(4, 60, 6)), rng.normal(size=(45, 6))
+
+    (of_sources, source_squares), (of_target, target_squares) = nearest_both_ways(sources, target)
+
+    for k in range(4):
+        d, j = cKDTree(target).query(sources[k])
+        e, i = cKDTree(sources[k]).query(target)
+        np.testing.assert_array_equal(of_sources[k], j)
+        np.testing.assert_array_equal(of_target[k], i)
+        np.testing.assert_allclose(source_squares[k], d**2)
+        np.testing.assert_allclose(target_squares[k], e**2)

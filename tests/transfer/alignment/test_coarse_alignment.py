@@ -10,11 +10,15 @@ from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import rotation_angle
 from poil_drake.transfer.alignment.coarse_alignment import (
     MODE_ANGLE,
+    SYMMETRY_TOLERANCE,
     CoarseAlignment,
     align_parts,
+    distinct_rotations,
+    half_turns,
+    super_fibonacci_rotations,
+    symmetric_alignments,
 )
-from poil_drake.transfer.alignment.config import CoarseAlignmentConfig
-from poil_drake.transfer.alignment.problem import AlignmentProblem
+from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig
 
 Maker = Callable[..., PointCloud]
 
@@ -127,3 +131,82 @@ def test_rejects_too_few_points(make_handle: Maker) -> None:
 
     with pytest.raises(TransferError, match="target part has only 5 points"):
         align(make_handle(), few)
+
+
+def test_every_orientation_is_near_one_of_720() -> None:
+    R = super_fibonacci_rotations(720)
+    np.testing.assert_allclose(
+        R @ np.swapaxes(R, 1, 2), np.tile(np.eye(3), (720, 1, 1)), atol=1e-12
+    )
+    np.testing.assert_allclose(np.linalg.det(R), 1.0)
+    anywhere = Rotation.random(2000, random_state=0).as_matrix()
+
+    traces = np.einsum("kij,nij->nk", R, anywhere).max(axis=1)
+
+    # The descent converges from 40 degrees; the docstring promises about 25.
+    assert np.rad2deg(np.arccos((traces - 1.0) / 2.0)).max() < 28.0
+
+
+def test_distinct_rotations_keep_the_cheapest_of_each_group() -> None:
+    angles = np.deg2rad([0.0, 5.0, 90.0, 93.0, 180.0])
+    R = Rotation.from_rotvec(angles[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    costs = np.array([3.0, 2.0, 1.0, 0.5, 4.0])
+
+    kept = distinct_rotations(R, costs, angle=np.deg2rad(20.0), count=10)
+
+    np.testing.assert_array_equal(kept, [3, 1, 4])
+    assert len(distinct_rotations(R, costs, angle=np.deg2rad(20.0), count=2)) == 2
+
+
+def test_a_box_is_symmetric_about_all_its_axes() -> None:
+    box = np.stack(np.meshgrid(*[np.linspace(0.7, 1.7, 7)] * 3), axis=-1) * [0.1, 0.06, 0.03]
+
+    turns, chamfers = half_turns(box.reshape(-1, 3))
+
+    # Largest extent first.
+    expected = [np.diag([1, -1, -1]), np.diag([-1, 1, -1]), np.diag([-1, -1, 1])]
+    np.testing.assert_allclose(turns, expected, atol=1e-9)
+    np.testing.assert_allclose(chamfers, 0.0, atol=1e-9)
+
+
+def test_a_handle_is_symmetric_about_the_direction_in_which_it_protrudes(
+    make_handle: Maker,
+) -> None:
+    turns, chamfers = half_turns(make_handle("c", count=800).points)
+
+    # Along x: there the half turn is diag(1, -1, -1).
+    np.testing.assert_array_equal(chamfers <= SYMMETRY_TOLERANCE, turns[:, 0, 0] > 0.99)
+
+
+def test_an_ear_is_less_symmetric_than_a_half_circle(make_handle: Maker) -> None:
+    ear, half_circle = (
+        half_turns(make_handle(shape, count=800).points)[1].min() for shape in ("ear", "c")
+    )
+
+    assert ear > 1.5 * half_circle
+
+
+def align_handles(make_handle: Maker, shape: str, **config: float) -> list[CoarseAlignment]:
+    source, target = make_handle(shape), make_handle(shape, seed=1)
+    problem = AlignmentProblem.between(source, target, config=replace(PART_ALONE, **config))
+    return symmetric_alignments(problem, target.points)
+
+
+def test_a_symmetric_part_has_alternatives(make_handle: Maker) -> None:
+    found = align_handles(make_handle, "c")
+
+    assert len(found) == 2
+    turn = rotation_angle(found[0].rotation.T @ found[1].rotation)
+    np.testing.assert_allclose(np.rad2deg(turn), 180.0, atol=8.0)
+
+
+def test_a_half_turn_that_the_search_did_not_find_is_refined(make_handle: Maker) -> None:
+    assert len(align_handles(make_handle, "c", max_modes=1)) == 2
+
+
+def test_an_asymmetric_part_has_no_alternatives(make_handle: Maker) -> None:
+    assert len(align_handles(make_handle, "ear")) == 1
+
+
+def test_alignments_beyond_the_cost_margin_are_left_out(make_handle: Maker) -> None:
+    assert len(align_handles(make_handle, "c", cost_margin=0.0)) == 1

@@ -21,7 +21,7 @@ from poil_drake.benchmarks.control.point_policy.network import (
 )
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
-from poil_drake.runtime.user_cache import cached_directory
+from poil_drake.runtime.output_files import cached_directory
 
 if TYPE_CHECKING:
     import torch
@@ -174,7 +174,7 @@ def _optimize(
     """Returns the weights after one optimisation step per batch."""
     import torch
 
-    from poil_drake.transfer.registration.adam import Adam
+    from poil_drake.transfer.registration_network import Adam
 
     # All weights are one parameter, so that the optimiser takes one step instead of one for each.
     flat = torch.nn.Parameter(torch.as_tensor(np.concatenate([w.ravel() for w in first.values()])))

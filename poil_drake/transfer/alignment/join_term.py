@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.transfer.alignment.cloud_term import CloudFrame, CloudTerm
+from poil_drake.transfer.alignment.cloud_term import CloudTerm
 from poil_drake.transfer.alignment.state import UNKNOWNS, AlignmentState, NormalEquations
 
 _REACH = 0.4
@@ -70,17 +70,9 @@ class JoinTerm:
             return None
         joining = joining[:: -(-joining.size // _MAX_POINTS)]
         points = part.points[joining]
-
-        def local(frame: CloudFrame) -> np.ndarray:
-            return (points - frame.source_center) / frame.length
-
-        return cls(
-            part_term,
-            context_term,
-            local(part_term.frame),
-            local(context_term.frame),
-            context.normals[nearest[joining]],
-        )
+        frames = part_term.frame, context_term.frame
+        in_part, in_context = ((points - f.source_center) / f.length for f in frames)
+        return cls(part_term, context_term, in_part, in_context, context.normals[nearest[joining]])
 
     def energy(self, state: AlignmentState) -> np.ndarray:
         """Returns the energies (K,): half of the mean squared offset in standard deviations.

@@ -1,19 +1,18 @@
 """Occlusion-aware non-rigid registration of aligned parts (POIL section III-A)."""
 
 import copy
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from poil_drake.errors import TransferError
 from poil_drake.geometry.point_cloud import farthest_point_sampling
-from poil_drake.transfer.registration.local_reconstruction import local_reconstruction_weights
 
 if TYPE_CHECKING:
     import torch
 
-    from poil_drake.transfer.registration.displacement_network import DisplacementNetwork
+    from poil_drake.transfer.registration_network import DisplacementNetwork
 
 # Lengths are in units of the larger part's largest radius.
 _NEIGHBOURS = 30  # Number of neighbours that reconstruct a point, as in OAReg's paper.
@@ -25,25 +24,17 @@ at zero the optimisation would stay at the identity."""
 
 _STIFFNESS = 200.0
 """Weight of the mean reconstruction error relative to the data term. OAReg (see
-`register_non_rigid`) weighs the sum over the points, by 1 to 100."""
-
-_FREQUENCY = 8.0
-"""omega_0 of `DisplacementNetwork`. With 30, as in OAReg, the deformation has wrinkles."""
+`deform_points`) weighs the sum over the points, by 1 to 100."""
 
 _LEARNING_RATE = 1e-3
+_MAX_POINTS = 400  # Of each cloud, spread evenly; the computing time grows with its square.
+_MAX_STEPS = 200
 _PATIENCE = 20  # Steps without an improvement after which the optimisation ends.
 _MIN_IMPROVEMENT = 1e-3  # Of the loss, relative to the initial one.
 
 
-def register_non_rigid(
-    source: np.ndarray,
-    target: np.ndarray,
-    *,
-    carried: np.ndarray | None = None,
-    max_points: int = 400,
-    max_steps: int = 200,
-) -> Callable[[np.ndarray], np.ndarray]:
-    """Returns the deformation of a coarsely aligned part onto another.
+def deform_points(source: np.ndarray, target: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Returns where the deformation of a coarsely aligned part onto another takes points.
 
     The method is OAReg (Zhao, Meng, Yan, ICLR 2025). A network d with sine activations maximises
     the correntropy of nearest neighbours between x + d(x) and the target, in both directions. The
@@ -59,66 +50,41 @@ def register_non_rigid(
     Args:
         source: (P, 3) the part to deform, coarsely aligned [m].
         target: (Q, 3) the other part [m].
-        carried: (M, 3) points to be deformed with the part [m]; the regulariser includes them.
-        max_points: Largest number of points used from each cloud, spread evenly. The computing time
-            grows with its square.
-        max_steps: Largest number of optimisation steps.
+        points: (M, 3) points of the source [m]; the regulariser includes them.
 
     Returns:
-        A function that maps points (R, 3) of the source to points (R, 3) on the target [m].
+        The points (M, 3) on the target [m].
 
     Raises:
-        TransferError: if a cloud has fewer than 4 points, or the optimisation diverges.
+        TransferError: if the optimisation diverges.
     """
-    for name, cloud in (("demonstrated", source), ("target", target)):
-        if len(cloud) < 4:
-            raise TransferError(
-                f"The cloud of the {name} part has {len(cloud)} points; 4 are needed to deform it.",
-                remedy="Move a camera nearer to the part.",
-            )
     center = target.mean(axis=0)
     length = float(max(np.linalg.norm(c - center, axis=1).max() for c in (source, target)))
-    data, goal = (_spread((c - center) / length, max_points) for c in (source, target))
-    extra = np.empty((0, 3)) if carried is None else (carried - center) / length
-    network = _optimize(data, goal, extra, max_steps)
-
-    def deform(points: np.ndarray) -> np.ndarray:
-        return points + length * network.displacements((points - center) / length)
-
-    return deform
+    data, goal = (_spread((c - center) / length) for c in (source, target))
+    carried = (points - center) / length
+    return points + length * _optimize(data, goal, carried).displacements(carried)
 
 
-def deform_points(source: np.ndarray, target: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Returns points (M, 3) of the source, carried along by `register_non_rigid` [m]."""
-    return register_non_rigid(source, target, carried=points)(points)
+def _spread(points: np.ndarray) -> np.ndarray:
+    return points[farthest_point_sampling(points, min(_MAX_POINTS, len(points)))]
 
 
-def _spread(points: np.ndarray, count: int) -> np.ndarray:
-    return points[farthest_point_sampling(points, min(count, len(points)))]
-
-
-def _optimize(
-    source: np.ndarray,
-    target: np.ndarray,
-    extra: np.ndarray,
-    max_steps: int,
-) -> "DisplacementNetwork":
+def _optimize(source: np.ndarray, target: np.ndarray, carried: np.ndarray) -> "DisplacementNetwork":
     import torch
 
-    from poil_drake.transfer.registration.adam import Adam
-    from poil_drake.transfer.registration.displacement_network import DisplacementNetwork
+    from poil_drake.transfer.registration_network import Adam, DisplacementNetwork
 
-    batch = np.concatenate([source, extra])
+    batch = np.concatenate([source, carried])
     neighbours, weights = local_reconstruction_weights(
         batch, neighbours=_NEIGHBOURS, regularization=_REGULARIZATION
     )
-    network = DisplacementNetwork(hidden_units=128, hidden_layers=3, frequency=_FREQUENCY, seed=0)
+    network = DisplacementNetwork()
     x, goal = (torch.as_tensor(p, dtype=torch.float32) for p in (batch, target))
     j = torch.as_tensor(neighbours)
     w = torch.as_tensor(weights, dtype=torch.float32)
     optimizer = Adam(network.parameters(), learning_rate=_LEARNING_RATE)
     best, best_step, losses = copy.deepcopy(network.state_dict()), 0, list[float]()
-    for step in range(max_steps + 1):
+    for step in range(_MAX_STEPS + 1):
         d = network(x)
         squares = (d - (w[..., None] * d[j]).sum(dim=1)).square().sum(dim=1)
         bend = torch.sqrt(squares + _SMOOTHING**2) - _SMOOTHING
@@ -128,7 +94,7 @@ def _optimize(
             best = copy.deepcopy(network.state_dict())
         if losses[-1] < losses[best_step] - _MIN_IMPROVEMENT * abs(losses[0]):
             best_step = step
-        if step - best_step >= _PATIENCE or step == max_steps:
+        if step - best_step >= _PATIENCE or step == _MAX_STEPS:
             break
         optimizer.zero_grad()
         loss.backward()
@@ -154,3 +120,34 @@ def _data_term(y: "torch.Tensor", target: "torch.Tensor") -> "torch.Tensor":
         distance = torch.linalg.norm(a - b + 1e-12, dim=1)
         term = term - torch.exp(-torch.where(distance < _TRUNCATION, distance, _TRUNCATION)).mean()
     return term
+
+
+def local_reconstruction_weights(
+    points: np.ndarray, *, neighbours: int, regularization: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the neighbours of each point and the weights that reconstruct it from them.
+
+    Locally linear embedding (Roweis and Saul, Science 2000): minimises |x_i - sum_j w_ij x_j|^2
+    with sum_j w_ij = 1. The weights are invariant to affine maps of the cloud.
+
+    Args:
+        points: (P, 3) the cloud, P >= 2.
+        neighbours: Number of neighbours, without the point itself; at most P - 1 are used.
+        regularization: Ridge relative to the trace of the neighbourhood's Gram matrix.
+
+    Returns:
+        indices: (P, k) the neighbours.
+        weights: (P, k) the weights; each row adds up to 1.
+    """
+    k = min(neighbours, len(points) - 1)
+    _, indices = cKDTree(points).query(points, k=k + 1)
+    # Where points coincide, the point itself need not be the first.
+    is_self = indices == np.arange(len(points))[:, None]
+    is_self[~is_self.any(axis=1), -1] = True
+    indices = indices[~is_self].reshape(len(points), k)
+    arms = points[indices] - points[:, None]
+    gram = arms @ np.swapaxes(arms, 1, 2)
+    ridge = regularization * np.trace(gram, axis1=1, axis2=2)
+    gram = gram + np.maximum(ridge, 1e-15)[:, None, None] * np.eye(k)
+    weights = np.linalg.solve(gram, np.ones((len(points), k, 1)))[..., 0]
+    return indices, weights / weights.sum(axis=1, keepdims=True)

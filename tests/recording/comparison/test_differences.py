@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from poil_drake.recording.comparison.signal_pair import SignalPair
-from poil_drake.recording.run_log.series import Series
+from poil_drake.recording.comparison.differences import SignalPair
+from poil_drake.recording.run_log.recorded_run import Series
 
 TIMES = np.array([0.0, 0.1, 0.2, 0.4])
 

@@ -1,1 +1,0 @@
-"""Non-rigid registration of aligned parts (POIL, section III-A)."""
