@@ -10,8 +10,7 @@ from pydrake.multibody.parsing import (
     PackageMap,
 )
 
-from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, drake_reason
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import DRAKE_ERRORS, Scenario, drake_reason
 from poil_drake.errors import ScenarioError
 
 

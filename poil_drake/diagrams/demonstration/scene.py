@@ -12,7 +12,6 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
 from poil_drake.diagrams.demonstration.directives import demonstration_directives
-from poil_drake.diagrams.scenario.checks import NO_NETWORK
 from poil_drake.diagrams.scenario.fit import RequireFreeObject
 from poil_drake.diagrams.scenario.models import (
     AddModels,
@@ -23,7 +22,7 @@ from poil_drake.diagrams.scenario.models import (
     SetInitialPositions,
 )
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels

@@ -15,8 +15,7 @@ from poil_drake.diagrams.loop.logging_and_visualization import (
 )
 from poil_drake.diagrams.loop.perception import AddPerception
 from poil_drake.diagrams.loop.wires import ConnectByName
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter

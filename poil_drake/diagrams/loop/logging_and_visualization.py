@@ -7,8 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from poil_drake.diagrams.loop.logger import MakeLoopLogger, RobotLogSchedule
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter

@@ -3,8 +3,7 @@
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import Station
 from poil_drake.errors import ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan

@@ -1,7 +1,7 @@
 """The tracker that a scenario selects."""
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker

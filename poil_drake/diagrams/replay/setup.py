@@ -15,10 +15,9 @@ from poil_drake.diagrams.replay.contents import (
     RequireTimes,
     RequireTopics,
 )
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.dump import DumpScenario
 from poil_drake.diagrams.scenario.load import LoadScenario
-from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario, ScenarioSource
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector

@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan

@@ -18,8 +18,7 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
-from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, drake_reason
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import DRAKE_ERRORS, Scenario, drake_reason
 from poil_drake.diagrams.station.cameras.labels import model_instances
 from poil_drake.errors import ScenarioError
 from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory

@@ -6,9 +6,8 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from poil_drake.diagrams.replay.contents import IsSparse
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraModels
 from poil_drake.diagrams.station.exports import (
     COMMANDS,

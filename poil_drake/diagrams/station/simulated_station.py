@@ -11,10 +11,9 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.cameras import (
     AddCameras,

@@ -9,8 +9,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, LeafSystem
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.hardware.hardware_checks import ground_truth_error
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel, RgbdImage

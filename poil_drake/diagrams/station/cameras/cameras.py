@@ -15,7 +15,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
-from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, NO_NETWORK, drake_reason
+from poil_drake.diagrams.scenario.scenario import DRAKE_ERRORS, NO_NETWORK, drake_reason
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage

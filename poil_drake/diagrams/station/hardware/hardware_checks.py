@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.hardware_config import LcmImages
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.capture_sources import SendsLabels
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import McapPlayback
