@@ -10,7 +10,8 @@ from pydrake.multibody.parsing import (
     PackageMap,
 )
 
-from poil_drake.diagrams.scenario.scenario import DRAKE_ERRORS, Scenario, drake_reason
+from poil_drake.diagrams.scenario.models import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 
 
@@ -61,14 +62,12 @@ def _flat(directives: Sequence[ModelDirective], packages: PackageMap) -> list[Mo
         if directive.add_directives is None:
             flat.append(directive)
             continue
-        try:
+        with DrakeErrorsExplained(
+            "A file of directives cannot be read",
+            remedy="Check the files that add_directives names.",
+        ):
             file = ModelDirectives(directives=[directive])
             flat += FlattenModelDirectives(file, packages).directives
-        except DRAKE_ERRORS as error:
-            raise ScenarioError(
-                f"A file of directives cannot be read: {drake_reason(error)}.",
-                remedy="Check the files that add_directives names.",
-            ) from error
     return flat
 
 

@@ -1,8 +1,8 @@
 """Adds a scenario's models to a plant, and finds their parts."""
 
 import copy
-import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,32 @@ from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
-from poil_drake.diagrams.scenario.scenario import DRAKE_ERRORS, Scenario, drake_reason
+from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.labels import model_instances
 from poil_drake.errors import ScenarioError
 from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
+
+_DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, SystemExit)
+"""What Drake raises for invalid values. A failed C++ assertion arrives in Python as SystemExit."""
+
+
+@contextmanager
+def DrakeErrorsExplained(problem: str, *, remedy: str) -> Iterator[None]:
+    """Replaces an error that Drake raises in a `with` block by a ScenarioError.
+
+    Args:
+        problem: What is wrong, e.g. "plant_config cannot be used". Drake's reason is appended.
+        remedy: What the user can do.
+    """
+    try:
+        yield
+    except _DRAKE_ERRORS as error:
+        reason = " ".join(str(error).split())
+        # An assertion: "Failure at <file>:<line> in <function>: condition '<C++>' failed."
+        if reason.startswith("Failure at ") and ": condition " in reason:
+            condition = reason.split(": condition ", 1)[1].removesuffix(" failed.")
+            reason = f"Drake requires {condition}"
+        raise ScenarioError(f"{problem}: {reason.rstrip('.')}.", remedy=remedy) from error
 
 
 def AddScenarioPlant(
@@ -34,13 +56,12 @@ def AddScenarioPlant(
     """
     config = copy.deepcopy(scenario.plant_config)
     config.time_step = scenario.poil.rates.plant
-    try:
-        return AddMultibodyPlant(config, builder)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"plant_config cannot be used: {drake_reason(error)}.",
-            remedy="Use values that the documentation of Drake's MultibodyPlantConfig allows.",
-        ) from error
+    with DrakeErrorsExplained(
+        "plant_config cannot be used",
+        remedy="Use values that the documentation of Drake's MultibodyPlantConfig allows.",
+    ):
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+    return plant, scene_graph
 
 
 def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
@@ -62,13 +83,11 @@ def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
     Raises:
         ScenarioError: A file, model, link or frame does not exist.
     """
-    try:
+    with DrakeErrorsExplained(
+        "The directives cannot be processed",
+        remedy="Check the files and the model, link and frame names in the directives.",
+    ):
         ProcessModelDirectives(ModelDirectives(directives=list(directives)), parser)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"The directives cannot be processed: {drake_reason(error)}.",
-            remedy="Check the files and the model, link and frame names in the directives.",
-        ) from error
 
 
 def SetInitialPositions(
@@ -89,13 +108,11 @@ def SetInitialPositions(
         for model, joints in scenario.initial_position.items()
         if model not in without
     }
-    try:
+    with DrakeErrorsExplained(
+        "initial_position cannot be set",
+        remedy="Correct the name of the model or joint, or the number of values.",
+    ):
         ApplyNamedPositionsAsDefaults(positions, plant)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"initial_position cannot be set: {drake_reason(error)}.",
-            remedy="Correct the name of the model or joint, or the number of values.",
-        ) from error
 
 
 def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:

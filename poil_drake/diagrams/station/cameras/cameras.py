@@ -4,6 +4,7 @@ import copy
 import math
 import re
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 
 import numpy as np
 from pydrake.common.schema import Transform
@@ -15,7 +16,8 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
-from poil_drake.diagrams.scenario.scenario import DRAKE_ERRORS, NO_NETWORK, drake_reason
+from poil_drake.diagrams.scenario.models import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.scenario import NO_NETWORK
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
@@ -112,10 +114,8 @@ def MakeCameraModels(
     for name, config in cameras.items():
         _check_camera(name, config)
         X_WB = _require_at_rest(plant, name, config)
-        try:
+        with _camera_errors_explained(name):
             core = config.MakeCameras()[0].core()
-        except DRAKE_ERRORS as error:
-            raise _unusable(name, error) from error
         # Drake's camera frame is the optical frame.
         X_WC = X_WB @ core.sensor_pose_in_camera_body()
         info = core.intrinsics()
@@ -154,15 +154,13 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
         # Drake leaves out a camera that publishes nothing.
         config.rgb = True
         lcm = DrakeLcm(NO_NETWORK)
-    try:
+    with _camera_errors_explained(name):
         ApplyCameraConfig(config, builder, lcm_buses=lcm_buses, lcm=lcm)
-    except DRAKE_ERRORS as error:
-        raise _unusable(name, error) from error
 
 
-def _unusable(name: str, error: BaseException) -> ScenarioError:
-    return ScenarioError(
-        f"cameras.{name} cannot be used: {drake_reason(error)}.",
+def _camera_errors_explained(name: str) -> AbstractContextManager[None]:
+    return DrakeErrorsExplained(
+        f"cameras.{name} cannot be used",
         remedy=f"Correct cameras.{name}; see Drake's CameraConfig for the valid values.",
     )
 
@@ -194,7 +192,11 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
     """Returns X_WB, the pose of a camera's body, after checking that the body cannot move."""
     path = f"cameras.{name}.X_PB"
     base = config.X_PB.base_frame or "world"
-    try:
+    with DrakeErrorsExplained(
+        f"{path} cannot be used",
+        remedy="Use a deterministic pose. Leave base_frame out for the world, or name a frame "
+        "that is welded to the world.",
+    ):
         wrong = [
             key
             # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
@@ -202,12 +204,6 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
             if not np.isfinite(getattr(config, key).GetDeterministicValue().GetAsMatrix4()).all()
         ]
         frame = GetScopedFrameByName(plant, base)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"{path} cannot be used: {drake_reason(error)}.",
-            remedy="Use a deterministic pose. Leave base_frame out for the world, or name a frame "
-            "that is welded to the world.",
-        ) from error
     if wrong:
         raise ScenarioError(
             f"cameras.{name}.{', '.join(wrong)} is not finite.", remedy="Use finite numbers."
