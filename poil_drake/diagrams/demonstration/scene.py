@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
-from pydrake.geometry import CalcObb, GeometryId, QueryObject
+from pydrake.geometry import CalcObb, QueryObject
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -12,12 +12,13 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
 from poil_drake.diagrams.demonstration.directives import demonstration_directives
-from poil_drake.diagrams.scenario.fit import RequireFreeObject
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
     CollisionGeometries,
+    ModelGeometry,
+    RequireFreeObject,
     RequireModel,
     SetInitialPositions,
 )
@@ -118,7 +119,7 @@ class DemonstrationScene:
             empty if the model has no such part.
         """
         found = []
-        for geometry_id in self._collision_geometries(model, part):
+        for geometry_id, *_ in self._collision_geometries(model, part):
             box = CalcObb(self._scene_graph.model_inspector().GetShape(geometry_id))
             if box is not None:
                 X_WG = self._query().GetPoseInWorld(geometry_id)
@@ -135,7 +136,7 @@ class DemonstrationScene:
         self.put_object(X_WO)
         query = self._query()
         return min(
-            query.ComputeSignedDistancePairClosestPoints(a, b).distance
+            query.ComputeSignedDistancePairClosestPoints(a.id, b.id).distance
             for a in self._collision_geometries(self.object_name, object_part)
             for b in self._collision_geometries(model, part)
         )
@@ -147,7 +148,7 @@ class DemonstrationScene:
         instance = self._plant.GetModelInstanceByName(model)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
 
-    def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
+    def _collision_geometries(self, model: str, part: str) -> list[ModelGeometry]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
 
 

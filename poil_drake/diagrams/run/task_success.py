@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from pydrake.geometry import SceneGraphInspector
+from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeometryName
+from poil_drake.diagrams.scenario.models import CollisionGeometries
 from poil_drake.diagrams.station.station import SimulatedStation
 
 _LONGEST_FLIGHT = 0.1
@@ -39,11 +39,19 @@ def TouchedGeometries(
         pairs.append((surface.id_M(), surface.id_N()))
     touched = set()
     for pair in pairs:
-        a, b = (ScopedGeometryName(plant, inspector, geometry_id) for geometry_id in pair)
+        a, b = (_scoped_name(plant, inspector, geometry_id) for geometry_id in pair)
         for name, other in ((a, b), (b, a)):
             if other.startswith(f"{model}::") and not name.startswith(f"{model}::"):
                 touched.add(name)
     return frozenset(touched)
+
+
+def _scoped_name(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, geometry_id: GeometryId
+) -> str:
+    body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry_id))
+    model = plant.GetModelInstanceName(body.model_instance())
+    return f"{model}::{body.name()}::{inspector.GetName(geometry_id).split('::')[-1]}"
 
 
 @dataclass
@@ -108,8 +116,8 @@ class SimulatedTruth:
         inspector = station.scene_graph().model_inspector()
         rod = poil.demonstration_motion.hanging.rod
         holder = frozenset(
-            ScopedGeometryName(plant, inspector, geometry_id)
-            for geometry_id in CollisionGeometries(plant, inspector, poil.fixture, rod)
+            f"{poil.fixture}::{geometry.link}::{geometry.name}"
+            for geometry in CollisionGeometries(plant, inspector, poil.fixture, rod)
         )
         return cls(station=station, judge=HangingJudge(fixture=poil.fixture, holder=holder))
 

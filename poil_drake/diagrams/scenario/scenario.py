@@ -112,6 +112,11 @@ class Scenario:
         _check_delays(self.cameras, self.lcm_buses, self.poil)
         _check_safety(self.poil)
 
+    @property
+    def robot_driver(self) -> PandaDriver:
+        """How the robot follows commands: its entry in `model_drivers`, or the default."""
+        return self.model_drivers.get(self.poil.robot, PandaDriver())
+
 
 def _check_directives(directives: Sequence[ModelDirective]) -> None:
     """Checks that each directive has one key, and no empty name, file, parent or child."""

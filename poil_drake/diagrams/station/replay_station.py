@@ -6,7 +6,6 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder
 
 from poil_drake.diagrams.replay.contents import IsSparse
-from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraModels
 from poil_drake.diagrams.station.exports import (
@@ -101,7 +100,6 @@ class ReplayStation(Station):
         builder = DiagramBuilder()
         self._plant, self._scene_graph, made = MakeUnsimulatedPlant(scenario)
         self.label_ids = run.label_ids or made
-        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         self._add_robot(builder)
         if scenario.poil.tracker != GROUND_TRUTH and scenario.cameras:
             self.camera_models = MakeCameraModels(self._plant, scenario.cameras)

@@ -11,7 +11,6 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
-from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
@@ -31,7 +30,6 @@ from poil_drake.perception.images import RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 from poil_drake.systems.capture_timing import SimulatedDelay
-from poil_drake.systems.panda.velocity_driver import PandaDriver
 from poil_drake.systems.tracking.ground_truth_tracker import (
     GroundTruthTracker,
     GroundTruthTrackerConfig,
@@ -104,16 +102,8 @@ class SimulatedStation(Station):
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
-        robot = self._plant.GetModelInstanceByName(poil.robot)
-        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
-        AddPandaDrivers(
-            builder=builder,
-            plant=self._plant,
-            robot=robot,
-            config=scenario.model_drivers.get(poil.robot, PandaDriver()),
-            time_step=poil.rates.plant,
-        )
+        AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0
         if cameras:
             offset = self._add_cameras(

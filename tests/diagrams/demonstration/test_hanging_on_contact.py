@@ -10,7 +10,7 @@ from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.run.task_success import HangingJudge, TouchedGeometries
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeometryName
+from poil_drake.diagrams.scenario.models import CollisionGeometries
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, Station
 
@@ -40,7 +40,7 @@ def watch(
     SetObjectPose(station, context, X_WO)
     plant, inspector = station.plant(), station.scene_graph().model_inspector()
     geometries = CollisionGeometries(plant, inspector, "rack", rod)
-    holder = frozenset(ScopedGeometryName(plant, inspector, g) for g in geometries)
+    holder = frozenset(f"rack::{g.link}::{g.name}" for g in geometries)
     judge, touched = HangingJudge(fixture="rack", holder=holder), frozenset[str]()
     for time in np.arange(1, 1 + round(32 * DURATION)) / 32:
         simulator.AdvanceTo(time)

@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.hardware_config import ROBOT_BUS_URL, LcmImages
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
@@ -111,7 +110,6 @@ class HardwareStation(Station):
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
         CheckHardwareCameras(scenario)
-        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
         self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
