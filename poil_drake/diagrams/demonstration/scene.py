@@ -78,10 +78,8 @@ class DemonstrationScene:
             self._cameras = AddCameras(
                 builder=builder,
                 plant=self._plant,
-                cameras=scenario.cameras,
+                scenario=scenario,
                 lcm_buses=ApplyLcmBusConfig(silent, builder),
-                noise=poil.depth_noise,
-                seed=scenario.random_seed,
             )
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
         self._diagram = builder.Build()

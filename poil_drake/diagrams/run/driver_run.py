@@ -79,7 +79,6 @@ def RunDriver(
     robot = MakeDriverStation(
         scenario,
         lcm,
-        channels=hardware.channels,
         config=config,
         cameras=True,
         meshcat=MakeMeshcat() if show else None,

@@ -27,7 +27,7 @@ from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
-from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.station.hardware.panda_hardware import COMMAND_SHARE
 from poil_drake.diagrams.station.station import (
     HardwareStation,
     MakeStation,

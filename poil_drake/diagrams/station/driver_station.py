@@ -13,7 +13,6 @@ from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageCha
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
 from poil_drake.systems.cameras.lcm_camera_feed import LcmCameraFeed
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
-from poil_drake.systems.lcm.panda_messages import PandaChannels
 from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedDriverConfig
 from poil_drake.systems.lcm.simulated_hand import SimulatedHand
 
@@ -46,7 +45,6 @@ def MakeDriverStation(
     scenario: Scenario,
     lcm: MessageNetwork,
     *,
-    channels: PandaChannels | None = None,
     config: SimulatedDriverConfig | None = None,
     cameras: bool = False,
     meshcat: Meshcat | None = None,
@@ -55,9 +53,8 @@ def MakeDriverStation(
     """Builds a simulated robot that receives commands and sends statuses over LCM.
 
     Args:
-        scenario: The models and the cameras.
+        scenario: The models, the cameras and the channels.
         lcm: The network. The diagram handles its subscriptions at every plant step.
-        channels: Names of the LCM channels; None for those of the Franka driver.
         config: The driver's behaviour; None for the defaults.
         cameras: Whether to send the images of the cameras that the hardware station reads from
             LCM. If so, call `DriverStation.Close` after use.
@@ -67,7 +64,7 @@ def MakeDriverStation(
     Raises:
         PoilError: if the station cannot be built.
     """
-    channels = channels or PandaChannels()
+    channels = scenario.poil.hardware.channels
     builder = DiagramBuilder()
     builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=scenario.poil.rates.plant))
     station = MakeStation(scenario, meshcat=meshcat, cameras=False)

@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.exports import COMMANDS, ExportPorts
+from poil_drake.diagrams.station.station_base import COMMANDS, ExportPorts
 from poil_drake.errors import StationError
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import ARM_JOINTS, FINGER_JOINTS, NUM_JOINTS

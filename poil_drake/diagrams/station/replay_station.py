@@ -8,14 +8,14 @@ from pydrake.systems.framework import DiagramBuilder
 from poil_drake.diagrams.replay.contents import IsSparse
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeCameraModels
-from poil_drake.diagrams.station.exports import (
+from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
+from poil_drake.diagrams.station.station_base import (
     COMMANDS,
     MEASUREMENTS,
     ExportOutputs,
     ExportPorts,
+    Station,
 )
-from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
-from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel

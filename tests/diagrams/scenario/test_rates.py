@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from poil_drake.diagrams.scenario.rates import Rates
+from poil_drake.diagrams.scenario.poil_config import Rates
 from poil_drake.errors import ScenarioError
 
 

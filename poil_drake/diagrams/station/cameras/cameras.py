@@ -12,16 +12,14 @@ from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
 from poil_drake.diagrams.scenario.models import DrakeErrorsExplained
-from poil_drake.diagrams.scenario.scenario import NO_NETWORK
+from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
-from poil_drake.systems.cameras.camera_ports import copied_image
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
 _LARGEST_SIDE = 8192  # [px], more than any depth camera has: a typo would exhaust the memory
@@ -31,10 +29,8 @@ def AddCameras(
     *,
     builder: DiagramBuilder,
     plant: MultibodyPlant,
-    cameras: Mapping[str, CameraConfig],
+    scenario: Scenario,
     lcm_buses: LcmBuses,
-    noise: StereoDepthNoiseConfig,
-    seed: int,
 ) -> tuple[CameraModel, ...]:
     """Adds cameras with depth noise but without a delay, and exports their images.
 
@@ -45,10 +41,8 @@ def AddCameras(
     Args:
         builder: Receives the cameras; must already hold the plant.
         plant: The plant that the cameras see.
-        cameras: Name -> configuration.
+        scenario: Describes the cameras and the noise of their depth images.
         lcm_buses: The LCM networks to which Drake may publish the images.
-        noise: Noise of the depth images.
-        seed: Seed of the noise.
 
     Returns:
         The cameras' models.
@@ -57,8 +51,8 @@ def AddCameras(
         ScenarioError: if a camera's name differs from its key, a camera is mounted on a body that
             moves, or Drake does not accept a value of a configuration.
     """
-    models = MakeCameraModels(plant, cameras)
-    for index, (name, config) in enumerate(cameras.items()):
+    models = MakeCameraModels(plant, scenario.cameras)
+    for index, (name, config) in enumerate(scenario.cameras.items()):
         _apply(name, config, builder, lcm_buses)
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         depth = builder.AddNamedSystem(
@@ -66,8 +60,8 @@ def AddCameras(
             DepthNoiseSystem(
                 width=config.width,
                 height=config.height,
-                config=noise,
-                seed=seed,
+                config=scenario.poil.depth_noise,
+                seed=scenario.random_seed,
                 camera_index=index,
             ),
         )
@@ -215,23 +209,6 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
         )
     X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
     return X_WP @ config.X_PB.GetDeterministicValue()
-
-
-def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) -> RgbdImage:
-    """Renders one camera's current image, and returns a copy of it.
-
-    Args:
-        diagram: The diagram that exports the camera's ports.
-        context: The diagram's own context.
-        name: The camera's name.
-        labels: Whether to include the label image.
-    """
-
-    def pixels(kind: str) -> np.ndarray:
-        return diagram.GetOutputPort(f"{name}.{kind}_image").Eval(context).data
-
-    label = pixels("label") if labels else None
-    return copied_image(pixels("rgb"), pixels("depth"), label, stamp=context.get_time())
 
 
 def MakeFrame(

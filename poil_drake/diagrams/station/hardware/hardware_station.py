@@ -17,23 +17,21 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
     MakeCaptureDevice,
     SendsLabels,
 )
-from poil_drake.diagrams.station.exports import ExportOutputs
-from poil_drake.diagrams.station.hardware.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.station.hardware.hardware_view import AddHardwareView
-from poil_drake.diagrams.station.hardware.mailbox_problems import MailboxProblems
-from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
-from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware, MailboxProblems
+from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant, PrefinalizeCallback
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
-from poil_drake.robots.panda_kinematics import PandaModel
-from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
 from poil_drake.systems.lcm.mailbox import Stamped
 from poil_drake.systems.lcm.network import Clock, LcmNetwork
 from poil_drake.systems.statuses import RobotMode
+
+_IMAGES_SHARE = 7 / 8
+"""Fraction of the control period after which images are captured: after `COMMAND_SHARE`."""
 
 _REOPEN = 3.0
 """Time from a camera's failure to the next attempt to open it [s of robot time]. It is long
@@ -115,27 +113,16 @@ class HardwareStation(Station):
         period = scenario.poil.rates.control
         # Images are captured in every other period, and the log is written in the periods between.
         self.tracker_timing = self.detector_timing = Worker(
-            period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period
+            period=2.0 * period, offset=_IMAGES_SHARE * period, poll_period=period
         )
         self._robot = AddPandaHardware(
             builder=builder,
             lcm=self._lcm,
-            name=scenario.poil.robot,
-            period=period,
-            channels=self._config.channels,
+            scenario=scenario,
             dry_run=dry_run,
-            limiter=VelocityLimiter(
-                limits=PandaModel().joint_limits,
-                period=period,
-                config=scenario.poil.safety.limiter,
-            ),
-            expiry=self._config.command_expiry,
-            stall_limit=scenario.poil.safety.stall_limit,
             clock=self._clock,
-            time_scale=self._config.time_scale,
         )
         self._threads: dict[str, CaptureThread] = {}
-        self._labelled: dict[str, bool] = {}
         self.camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
         if self.camera_models:
             self._add_cameras(builder, period)
@@ -152,6 +139,7 @@ class HardwareStation(Station):
 
     def _add_cameras(self, builder: DiagramBuilder, period: float) -> None:
         reopen_period = _REOPEN / self._config.time_scale
+        labels = []
         for model in self.camera_models:
             source = self._config.cameras.get(model.name, LcmImages())
             size = (model.height, model.width)
@@ -159,13 +147,13 @@ class HardwareStation(Station):
             self._threads[model.name] = CaptureThread(
                 device, name=model.name, size=size, reopen_period=reopen_period
             )
-            self._labelled[model.name] = SendsLabels(source)
+            labels.append(SendsLabels(source))
         system = builder.AddNamedSystem(
             "cameras",
             CapturedCameras(
                 cameras=self.camera_models,
                 sources=list(self._threads.values()),
-                labels=list(self._labelled.values()),
+                labels=labels,
                 period=period,
                 clock=self._clock,
             ),
@@ -187,7 +175,8 @@ class HardwareStation(Station):
                 image = self._threads[name].newest
                 if image is None or image.stamp < start:
                     continue
-                if not labels or not self._labelled[name] or image.label is not None:
+                sends_labels = self.HasOutputPort(f"{name}.label_image")
+                if not labels or not sends_labels or image.label is not None:
                     found[name] = image
         return tuple(found[name] for name in self.camera_names)
 

@@ -13,9 +13,6 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.driver_station import MakeDriverStation
 from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station import MakeStation
-from poil_drake.robots.panda_kinematics import PandaModel
-from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.safety.faults import SafetyConfig
 from poil_drake.systems.statuses import RobotMode
 
 PERIOD = 1 / 256
@@ -31,13 +28,7 @@ class HardwareBench(SystemBench):
         self.hardware = AddPandaHardware(
             builder=builder,
             lcm=self.robot.lcm,
-            name="panda",
-            period=PERIOD,
-            limiter=VelocityLimiter(
-                limits=PandaModel().joint_limits,
-                period=PERIOD,
-                config=SafetyConfig().limiter,
-            ),
+            scenario=scenario,
             dry_run=dry_run,
             clock=self.robot.now,
         )
