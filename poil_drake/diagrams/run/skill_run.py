@@ -25,8 +25,7 @@ from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.task_success import SimulatedTruth
-from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.hardware.panda_hardware import COMMAND_SHARE
 from poil_drake.diagrams.station.station import (
     HardwareStation,
@@ -34,6 +33,7 @@ from poil_drake.diagrams.station.station import (
     RequireLabels,
     SimulatedStation,
 )
+from poil_drake.diagrams.station.station_base import ground_truth_error
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import make_detector
@@ -89,8 +89,8 @@ def RunSkill(
         # Find mistakes in the scenario before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
-        if hardware:
-            CheckHardwareRun(scenario)
+        if hardware and scenario.poil.tracker == GROUND_TRUTH:
+            raise ground_truth_error()
         station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
         RequireLabels(station)
         if hardware:

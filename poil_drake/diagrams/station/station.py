@@ -8,12 +8,11 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeFrame
-from poil_drake.diagrams.station.hardware.hardware_checks import label_error
 from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation
 from poil_drake.diagrams.station.simulated_station import SimulatedStation
 from poil_drake.diagrams.station.station_base import Station
 from poil_drake.diagrams.station.station_models import PrefinalizeCallback
-from poil_drake.errors import StationError
+from poil_drake.errors import ScenarioError, StationError
 from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.runtime.stopwatch import Stopwatch
@@ -101,7 +100,13 @@ def RequireLabels(station: Station) -> None:
     poil = station.scenario.poil
     for name in station.camera_names:
         if poil.detector == LABEL_IMAGE and not station.HasOutputPort(f"{name}.label_image"):
-            raise label_error(name)
+            raise ScenarioError(
+                f"The detector '{LABEL_IMAGE}' reads label images, which camera '{name}' does not "
+                "provide.",
+                remedy="Use a source with label images: a segmentation node that sends images and "
+                f"labels over LCM (poil.hardware.cameras.{name}: !LcmImages {{}}), or a recording "
+                "that contains labels (!McapPlayback).",
+            )
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:

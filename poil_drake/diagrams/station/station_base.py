@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
 
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
-from poil_drake.diagrams.station.hardware.hardware_checks import ground_truth_error
+from poil_drake.errors import ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.robots.panda import BASE_LINK
@@ -136,6 +136,14 @@ class Station(Diagram):
         plant = self._plant
         robot = plant.GetModelInstanceByName(self.scenario.poil.robot)
         return plant.GetBodyByName(BASE_LINK, robot).EvalPoseInWorld(plant.CreateDefaultContext())
+
+
+def ground_truth_error() -> ScenarioError:
+    """Returns the error for a ground-truth tracker on hardware."""
+    return ScenarioError(
+        f"The tracker '{GROUND_TRUTH}' needs the simulator's poses, which hardware does not have.",
+        remedy="Set poil.tracker to one that uses cameras, e.g. rigid_flow.",
+    )
 
 
 def ExportPorts(builder: DiagramBuilder, system: System, names: Sequence[str], model: str) -> None:

@@ -188,16 +188,25 @@ def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(tmp_path: Path) -
     assert "spout" in figures["reason"]
 
 
-def test_a_job_that_cannot_start_leaves_its_figures(tmp_path: Path) -> None:
-    wrong = short_scenario("{poil: {detector: magic}}")
+@pytest.mark.parametrize(
+    ("text", "hardware", "says"),
+    [
+        ("{poil: {detector: magic}}", False, "magic"),
+        ("{}", True, "ground_truth' needs the simulator's poses, which hardware does not have"),
+    ],
+)
+def test_a_job_that_cannot_start_leaves_its_figures(
+    tmp_path: Path, text: str, hardware: bool, says: str
+) -> None:
+    wrong, outputs = short_scenario(text), OutputPaths.under(tmp_path)
 
-    with pytest.raises(PoilError, match="magic"):
-        RunSkill(wrong, outputs=OutputPaths.under(tmp_path), show=False)
+    with pytest.raises(PoilError, match=says):
+        RunSkill(wrong, outputs=outputs, hardware=hardware, show=False)
 
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
     figures = json.loads((tmp_path / "run.json").read_text())
     assert figures["success"] is False
-    assert "magic" in figures["reason"]
+    assert says in figures["reason"]
     assert figures["versions"]["drake"]
 
 

@@ -77,7 +77,7 @@ def test_a_camera_whose_clock_is_ahead_is_named(
 def test_a_recording_with_labels_is_accepted(
     make_station: Callable[[str], Station],
 ) -> None:
-    dut = make_station("left: !McapPlayback {file: a.mcap}, right: !LcmImages {}")
+    dut = make_station(f"left: !McapPlayback {{file: {__file__}}}, right: !LcmImages {{}}")
 
     RequireLabels(dut)
 
@@ -88,7 +88,7 @@ def test_a_recording_with_labels_is_accepted(
     "source",
     [
         "!LcmImages {labels: false}",
-        "!McapPlayback {file: a.mcap, labels: false}",
+        f"!McapPlayback {{file: {__file__}, labels: false}}",
         "!OpenCvStreams {rgb: '0', depth: '1'}",
     ],
 )
