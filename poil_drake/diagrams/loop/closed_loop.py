@@ -141,12 +141,7 @@ def MakeClosedLoop(
         )
     builder.AddNamedSystem("station", station)
     parts: dict[str, Any] = {"station": station}
-    given: dict[str, Any] = {
-        "builder": builder,
-        "scenario": scenario,
-        "plan": plan,
-        "station": station,
-    }
+    given: dict[str, Any] = {"builder": builder, "plan": plan, "station": station}
     try:
         if tracker is None:
             tracker = station.MakeImagelessTracker(plan)
@@ -154,9 +149,7 @@ def MakeClosedLoop(
             RequireLabels(station)
         station.Start()
         parts |= AddControl(
-            builder=builder,
-            station=station,
-            plan=plan,
+            **given,
             speed=speed,
             hardware=hardware,
             dry_run=dry_run,

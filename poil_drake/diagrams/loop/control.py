@@ -42,11 +42,11 @@ def AddControl(
     builder: DiagramBuilder,
     station: Station,
     plan: ExecutionPlan,
-    speed: float = 1.0,
-    hardware: bool = False,
-    dry_run: bool = False,
-    meshcat: Meshcat | None = None,
-    stop_switch: StopSwitch | None = None,
+    speed: float,
+    hardware: bool,
+    dry_run: bool,
+    meshcat: Meshcat | None,
+    stop_switch: StopSwitch | None,
     stopwatch: Stopwatch | None,
 ) -> dict[str, LeafSystem]:
     """Adds the systems of the control path, and returns them by name.

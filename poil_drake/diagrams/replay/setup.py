@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_load
 
-from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.replay.contents import (
     IsSparse,
     NotesOn,

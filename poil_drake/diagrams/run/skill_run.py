@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.run.finished_run import FinishedRun, WriteReport
 from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
