@@ -88,7 +88,7 @@ def RunDriver(
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     simulator.set_target_realtime_rate(0.0)  # `RealTimeLoop` does the pacing.
     root = simulator.get_mutable_context()
-    truth = SimulatedTruth.of(robot.station)
+    truth = SimulatedTruth(robot.station)
     loop = RealTimeLoop(
         simulator,
         period=min(config.status_period, poil.rates.plant),

@@ -198,7 +198,7 @@ def ExecutePlan(
             stack.callback(loop.Close)
             truth = None
             if isinstance(loop.station, SimulatedStation):
-                truth = SimulatedTruth.of(loop.station)
+                truth = SimulatedTruth(loop.station)
             recorder = RunRecorder(loop=loop, query_points=plan.target_points, truth=truth)
             if meshcat is not None and outputs.html is not None:
                 recording = HtmlRecording(

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraphInspector
@@ -97,21 +96,15 @@ class HangingJudge:
         return 0.0 if self.hanging_since is None else time - self.hanging_since
 
 
-@dataclass(frozen=True, kw_only=True)
 class SimulatedTruth:
     """The true state of the object in a simulated station. Nothing in a loop may depend on it.
 
     Attributes:
-        station: The station.
         judge: Measures how long the object has hung.
     """
 
-    station: SimulatedStation
-    judge: HangingJudge
-
-    @classmethod
-    def of(cls, station: SimulatedStation) -> Self:
-        """Returns the truth of a station, with a judge that has observed nothing yet."""
+    def __init__(self, station: SimulatedStation):
+        """Stores the station. The judge has observed nothing yet."""
         poil, plant = station.scenario.poil, station.plant()
         inspector = station.scene_graph().model_inspector()
         rod = poil.demonstration_motion.hanging.rod
@@ -119,25 +112,26 @@ class SimulatedTruth:
             f"{poil.fixture}::{geometry.link}::{geometry.name}"
             for geometry in CollisionGeometries(plant, inspector, poil.fixture, rod)
         )
-        return cls(station=station, judge=HangingJudge(fixture=poil.fixture, holder=holder))
+        self._station = station
+        self.judge = HangingJudge(fixture=poil.fixture, holder=holder)
 
     def object_pose(self, root: Context) -> np.ndarray:
         """Returns X_WO, the (4, 4) pose of the object's base body, from the root context."""
-        context = self.station.plant().GetMyContextFromRoot(root)
-        return self.station.object_body().EvalPoseInWorld(context).GetAsMatrix4()
+        context = self._station.plant().GetMyContextFromRoot(root)
+        return self._station.object_body().EvalPoseInWorld(context).GetAsMatrix4()
 
     def plant_state(self, root: Context) -> np.ndarray:
         """Returns the positions and velocities of the simulated plant."""
-        plant = self.station.plant()
+        plant = self._station.plant()
         return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
 
     def observe(self, root: Context) -> None:
         """Reports to the judge what the object touches now."""
-        context = self.station.GetMyContextFromRoot(root)
+        context = self._station.GetMyContextFromRoot(root)
         touched = TouchedGeometries(
-            self.station.plant(),
-            self.station.GetOutputPort("query_object").Eval(context).inspector(),
-            self.station.GetOutputPort("contact_results").Eval(context),
-            self.station.scenario.poil.object,
+            self._station.plant(),
+            self._station.GetOutputPort("query_object").Eval(context).inspector(),
+            self._station.GetOutputPort("contact_results").Eval(context),
+            self._station.scenario.poil.object,
         )
         self.judge.observe(root.get_time(), touched)

@@ -7,7 +7,7 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeFrame
+from poil_drake.diagrams.station.cameras.cameras import CameraDelay
 from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation
 from poil_drake.diagrams.station.simulated_station import SimulatedStation
 from poil_drake.diagrams.station.station_base import Station
@@ -115,7 +115,8 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
     Args:
         station: The station.
         context: The station's own context, not that of a diagram around it.
-        labels: Whether to include label images, which take additional time to render.
+        labels: Whether to include label images, which take additional time to render. The frame
+            has label IDs if every camera provides them.
 
     Raises:
         StationError: if the station has no cameras, or cannot capture images.
@@ -125,6 +126,10 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
             "The station has no cameras.",
             remedy="Add cameras to the scenario, and build the station with cameras=True.",
         )
-    return MakeFrame(
-        station.camera_models, station.TakeImages(context, labels=labels), station.label_ids
+    images = station.TakeImages(context, labels=labels)
+    labelled = all(image.label is not None for image in images)
+    return MultiViewFrame(
+        cameras=station.camera_models,
+        images=images,
+        label_ids=dict(station.label_ids) if labelled else {},
     )

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.station.recorded_perception import RecordedTimings, RecordedTracks
+from poil_drake.diagrams.station.replay_station import RecordedTimings, RecordedTracks
 from poil_drake.errors import RunLogError
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log.recorded_run import LoggedTrack, RecordedRun

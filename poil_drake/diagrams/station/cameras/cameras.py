@@ -19,7 +19,7 @@ from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 from poil_drake.diagrams.scenario.models import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.images import CameraModel
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
 _LARGEST_SIDE = 8192  # [px], more than any depth camera has: a typo would exhaust the memory
@@ -209,21 +209,3 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
         )
     X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
     return X_WP @ config.X_PB.GetDeterministicValue()
-
-
-def MakeFrame(
-    models: tuple[CameraModel, ...],
-    images: tuple[RgbdImage, ...],
-    label_ids: Mapping[str, tuple[int, ...]],
-) -> MultiViewFrame:
-    """Returns a frame of one image per camera.
-
-    Args:
-        models: The cameras' models.
-        images: The image of each camera.
-        label_ids: Render labels by name. The frame includes them if every image has labels.
-    """
-    labelled = all(image.label is not None for image in images)
-    return MultiViewFrame(
-        cameras=models, images=images, label_ids=dict(label_ids) if labelled else {}
-    )

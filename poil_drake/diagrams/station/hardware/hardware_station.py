@@ -278,12 +278,10 @@ class HardwareStation(Station):
             *MailboxProblems(self._robot.arm, channels.status, expiry),
             *MailboxProblems(self._robot.hand, channels.hand_status, expiry),
         ]
-        cameras = self._threads.items()
-        found += [
-            f"camera '{name}': {thread.problem}" for name, thread in cameras if thread.problem
-        ]
         now, oldest = self._clock(), self.scenario.poil.safety.image_age_limit
-        for name, thread in cameras:
+        for name, thread in self._threads.items():
+            if thread.problem:
+                found.append(f"camera '{name}': {thread.problem}")
             age = 0.0 if thread.newest is None else now - thread.newest.stamp
             if age > oldest:
                 found.append(f"camera '{name}': no new image for {age:.1f} s")
