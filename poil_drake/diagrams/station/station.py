@@ -8,23 +8,14 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay
-from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation
-from poil_drake.diagrams.station.simulated_station import SimulatedStation
-from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation as HardwareStation
+from poil_drake.diagrams.station.simulated_station import SimulatedStation as SimulatedStation
+from poil_drake.diagrams.station.station_base import Station as Station
 from poil_drake.diagrams.station.station_models import PrefinalizeCallback
 from poil_drake.errors import ScenarioError, StationError
 from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.runtime.stopwatch import Stopwatch
-
-__all__ = [
-    "CaptureFrame",
-    "HardwareStation",
-    "MakeStation",
-    "RequireLabels",
-    "SimulatedStation",
-    "Station",
-]
 
 
 def MakeStation(

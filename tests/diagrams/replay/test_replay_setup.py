@@ -14,8 +14,7 @@ from short_skill import short_plan, short_scenario
 from poil_drake.diagrams.replay.contents import NotesOn
 from poil_drake.diagrams.replay.setup import RECORDED, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
-from poil_drake.diagrams.scenario.dump import DumpScenario
-from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.perception.images import CameraModel

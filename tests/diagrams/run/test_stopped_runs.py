@@ -20,8 +20,7 @@ from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.skill_run import ExecutePlan, RunSkill
-from poil_drake.diagrams.scenario.dump import DumpScenario
-from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan

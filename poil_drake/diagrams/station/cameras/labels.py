@@ -66,7 +66,11 @@ def AssignLabels(
         labels = []
         for part, found in assigned.items():
             for geometry in found:
-                _set_label(plant, scene_graph, geometry.id, next_label)
+                seen = PerceptionProperties(inspector.GetPerceptionProperties(geometry.id))
+                seen.UpdateProperty("label", "id", RenderLabel(next_label))
+                # Drake cannot replace perception properties in place.
+                scene_graph.RemoveRole(plant.get_source_id(), geometry.id, Role.kPerception)
+                scene_graph.AssignRole(plant.get_source_id(), geometry.id, seen)
             labels.append(next_label)
             if part:
                 label_ids[f"{model}/{part}"] = (next_label,)
@@ -95,16 +99,3 @@ def _geometries_of_part(
             f"expression for the geometry names ({names}).",
         )
     return found
-
-
-def _set_label(
-    plant: MultibodyPlant, scene_graph: SceneGraph, geometry_id: GeometryId, label: int
-) -> None:
-    source = plant.get_source_id()
-    properties = PerceptionProperties(
-        scene_graph.model_inspector().GetPerceptionProperties(geometry_id)
-    )
-    properties.UpdateProperty("label", "id", RenderLabel(label))
-    # Drake cannot replace perception properties in place.
-    scene_graph.RemoveRole(source, geometry_id, Role.kPerception)
-    scene_graph.AssignRole(source, geometry_id, properties)
