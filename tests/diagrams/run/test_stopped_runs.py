@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
 from pydrake.systems.analysis import Simulator
@@ -20,10 +19,9 @@ from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.skill_run import ExecutePlan, RunSkill
-from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario, LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError
-from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.reports.run_summary import RunSummary
 from poil_drake.systems.disturbance_injector import Pulse
@@ -132,28 +130,6 @@ def test_a_fault_is_in_every_output(failed_run: tuple[RunSummary, OutputPaths]) 
     assert 0.0 <= robot["age"] < 0.05
     assert log["/tracker/status"][-1]["status_text"] == "tracking"
     assert "/disturbances/status" not in log
-
-
-def test_the_log_contains_the_scenario_and_the_plan(
-    failed_run: tuple[RunSummary, OutputPaths], tmp_path: Path
-) -> None:
-    _, outputs = failed_run
-
-    with outputs.mcap.open("rb") as stream:
-        reader = make_reader(stream)
-        attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
-        (metadata,) = (record.metadata for record in reader.iter_metadata())
-    attachment = attachments["scenario.yaml"]
-    (tmp_path / attachment.name).write_bytes(attachment.data)
-    again = LoadScenario(filename=tmp_path / attachment.name)
-    assert again.poil == short_scenario().poil
-    assert (again.simulation_duration, again.poil.tracker) == (2.0, "ground_truth")
-    assert metadata["scenario"] == again.source.name == "HangMug"
-    assert metadata["scenario_file"].endswith("hang_mug.yaml")
-    assert metadata["station"] == "simulated"
-    plan = ExecutionPlan.from_bytes(attachments["plan.npz"].data, name="the log")
-    np.testing.assert_array_equal(plan.target_points, short_plan().target_points)
-    assert {"poil_drake_version", "drake_version", "numpy_version"} <= metadata.keys()
 
 
 def test_disturbances_are_logged_with_their_bodies(tmp_path: Path) -> None:
