@@ -80,7 +80,6 @@ def RunDriver(
         scenario,
         lcm,
         config=config,
-        cameras=True,
         meshcat=MakeMeshcat() if show else None,
         clock=hardware.clock(),
     )

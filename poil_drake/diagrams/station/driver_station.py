@@ -46,18 +46,18 @@ def MakeDriverStation(
     lcm: MessageNetwork,
     *,
     config: SimulatedDriverConfig | None = None,
-    cameras: bool = False,
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
 ) -> DriverStation:
     """Builds a simulated robot that receives commands and sends statuses over LCM.
 
+    It also sends the images of the cameras that the hardware station reads from LCM. Call
+    `DriverStation.Close` after use.
+
     Args:
         scenario: The models, the cameras and the channels.
         lcm: The network. The diagram handles its subscriptions at every plant step.
         config: The driver's behaviour; None for the defaults.
-        cameras: Whether to send the images of the cameras that the hardware station reads from
-            LCM. If so, call `DriverStation.Close` after use.
         meshcat: Shows the simulated scene; None shows nothing.
         clock: Returns the driver's time [s since the epoch].
 
@@ -102,7 +102,7 @@ def MakeDriverStation(
         (hand, "width", station, "hand.width"),
     ):
         builder.Connect(giver.GetOutputPort(output), taker.GetInputPort(input_))
-    feed, renderer = _add_feed(builder, scenario, station, clock) if cameras else (None, None)
+    feed, renderer = _add_feed(builder, scenario, station, clock)
     return DriverStation(diagram=builder.Build(), station=station, feed=feed, renderer=renderer)
 
 

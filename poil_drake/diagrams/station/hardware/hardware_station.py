@@ -26,7 +26,6 @@ from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
-from poil_drake.systems.lcm.mailbox import Stamped
 from poil_drake.systems.lcm.network import Clock, LcmNetwork
 from poil_drake.systems.statuses import RobotMode
 
@@ -232,21 +231,17 @@ class HardwareStation(Station):
         self.HandleMessages()
         drivers = time - self._config.command_expiry
         channels = self._config.channels
-        newest: list[tuple[str, Stamped | None, float]] = [
-            (f"the robot's status on {channels.status}", self._robot.arm.newest, drivers),
-            (f"the hand's status on {channels.hand_status}", self._robot.hand.newest, drivers),
-        ]
-        newest += [
-            (f"an image of the camera '{name}'", thread.newest, time)
-            for name, thread in self._threads.items()
-        ]
-        missing = [what for what, found, since in newest if found is None or found.stamp < since]
+        statuses = (
+            (f"the robot's status on {channels.status}", self._robot.arm.newest),
+            (f"the hand's status on {channels.hand_status}", self._robot.hand.newest),
+        )
+        missing = [what for what, found in statuses if found is None or found.stamp < drivers]
         now = self._clock()
-        missing += [
-            f"an image of the camera '{name}' that is not stamped in the future"
-            for name, thread in self._threads.items()
-            if thread.newest is not None and thread.newest.stamp > now + _AHEAD
-        ]
+        for name, thread in self._threads.items():
+            if thread.newest is None or thread.newest.stamp < time:
+                missing.append(f"an image of the camera '{name}'")
+            elif thread.newest.stamp > now + _AHEAD:
+                missing.append(f"an image of the camera '{name}' that is not stamped in the future")
         status = self._robot.arm.newest
         if status is not None and status.mode is not RobotMode.MOVE:
             missing.append(f"a robot in its moving mode (it is in '{status.mode.name.lower()}')")
