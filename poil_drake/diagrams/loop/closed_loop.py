@@ -9,7 +9,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from poil_drake.diagrams.loop.control import AddControl
 from poil_drake.diagrams.loop.logging_and_visualization import (
-    AddDisturbances,
     AddLoggingAndVisualization,
     PublishSchedules,
 )
@@ -162,9 +161,10 @@ def MakeClosedLoop(
         else:
             parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
         shown = album if parts["tracker"].HasOutputPort("frame") else None
-        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=shown)
+        parts |= AddLoggingAndVisualization(
+            **given, meshcat=meshcat, log=log, album=shown, disturbances=disturbances
+        )
         ConnectByName(builder, parts)
-        AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
         clock.AddStop(builder)
         diagram = builder.Build()
         station.WarmUp()

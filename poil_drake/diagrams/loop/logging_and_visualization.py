@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from enum import IntEnum
-from typing import Any
 
 from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import BodyIndex
@@ -43,8 +42,9 @@ def AddLoggingAndVisualization(
     meshcat: Meshcat | None,
     log: RunLogWriter | None,
     album: SnapshotAlbum | None,
+    disturbances: Sequence[Pulse],
 ) -> dict[str, LeafSystem]:
-    """Adds the visualizer, the logger and the snapshot recorder, and returns them by name.
+    """Adds the systems that log, show and disturb a run, and returns them by name.
 
     Args:
         builder: Receives the systems.
@@ -53,6 +53,7 @@ def AddLoggingAndVisualization(
         meshcat: Where to show the run; None adds no visualizer.
         log: Receives the signals; None adds no logger.
         album: Receives snapshots. With None or the ground-truth tracker, no recorder is added.
+        disturbances: Pushes on bodies of the simulated plant.
     """
     scenario = station.scenario
     systems: dict[str, LeafSystem] = {}
@@ -73,6 +74,9 @@ def AddLoggingAndVisualization(
             period=scenario.poil.rates.tracker,
             offset=scenario.poil.rates.control,
         )
+    if disturbances:
+        injector = DisturbanceInjector(plant=station.plant(), pulses=disturbances)
+        systems["disturbances"] = injector
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     return systems
@@ -119,28 +123,6 @@ def _robot_log_schedule(scenario: Scenario) -> tuple[float, float]:
 
 def _names(statuses: type[IntEnum]) -> Mapping[int, str]:
     return {int(status): status.name.lower() for status in statuses}
-
-
-def AddDisturbances(
-    *, builder: DiagramBuilder, pulses: Sequence[Pulse], parts: Mapping[str, Any]
-) -> None:
-    """Adds pushes on bodies of the simulated plant, and logs them if there is a logger.
-
-    Args:
-        builder: Receives a `DisturbanceInjector`, if there are any pushes.
-        pulses: The pushes.
-        parts: The loop's parts by name.
-    """
-    if not pulses:
-        return
-    injector = builder.AddNamedSystem(
-        "disturbances", DisturbanceInjector(plant=parts["station"].plant(), pulses=pulses)
-    )
-    for taker in ("station", "logger"):
-        if taker in parts:
-            builder.Connect(
-                injector.get_output_port(0), parts[taker].GetInputPort("applied_spatial_force")
-            )
 
 
 def PublishSchedules(
