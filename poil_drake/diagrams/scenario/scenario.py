@@ -108,8 +108,8 @@ class Scenario:
         _check_directives(self.directives)
         _check_simulator(self.simulator_config)
         _check_time_step(self.plant_config, self.poil)
-        _check_buses(self.lcm_buses, self.cameras, self.visualization)
-        _check_delays(self.cameras, self.lcm_buses, self.poil)
+        _check_buses(self)
+        _check_delays(self)
         _check_safety(self.poil)
 
     @property
@@ -186,16 +186,13 @@ def _check_safety(poil: PoilConfig) -> None:
         )
 
 
-def _check_delays(
-    cameras: Mapping[str, CameraConfig],
-    lcm_buses: Mapping[str, DrakeLcmParams],
-    poil: PoilConfig,
-) -> None:
+def _check_delays(scenario: Scenario) -> None:
     """Checks that delayed images are not published, and arrive within `poil.latency`."""
-    for name, camera in cameras.items():
+    poil = scenario.poil
+    for name, camera in scenario.cameras.items():
         if not camera.output_delay > 0.0:
             continue
-        bus = lcm_buses.get(camera.lcm_bus)
+        bus = scenario.lcm_buses.get(camera.lcm_bus)
         silent = bus is None or bus.lcm_url == NO_NETWORK
         if not silent and (camera.rgb or camera.depth or camera.label):
             raise ScenarioError(
@@ -213,25 +210,21 @@ def _check_delays(
             )
 
 
-def _check_buses(
-    lcm_buses: Mapping[str, DrakeLcmParams],
-    cameras: Mapping[str, CameraConfig],
-    visualization: VisualizationConfig,
-) -> None:
+def _check_buses(scenario: Scenario) -> None:
     """Checks that LCM can use every bus's address, and that every bus in use is defined."""
-    for name, params in lcm_buses.items():
+    for name, params in scenario.lcm_buses.items():
         if params.lcm_url and not _is_lcm_url(params.lcm_url):
             raise ScenarioError(
                 f"lcm_buses.{name}.lcm_url is '{params.lcm_url}', which LCM cannot use.",
                 remedy="Use e.g. memq://null (no network) or udpm://239.255.76.67:7667?ttl=0.",
             )
-    users = {f"cameras.{name}": camera.lcm_bus for name, camera in cameras.items()}
-    users["visualization"] = visualization.lcm_bus
+    users = {f"cameras.{name}": camera.lcm_bus for name, camera in scenario.cameras.items()}
+    users["visualization"] = scenario.visualization.lcm_bus
     for path, bus in users.items():
-        if bus not in ("", *lcm_buses):
+        if bus not in ("", *scenario.lcm_buses):
             raise ScenarioError(
                 f"{path}.lcm_bus is '{bus}', which lcm_buses does not define.",
-                remedy=f"Choose one of: {', '.join(lcm_buses)}.",
+                remedy=f"Choose one of: {', '.join(scenario.lcm_buses)}.",
             )
 
 

@@ -88,7 +88,14 @@ def AddPandaHardware(
         "hand_status", HandStatusReceiver(mailbox=hand, period=period, clock=clock)
     )
     if dry_run:
-        _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
+        robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
+        position = receiver.GetOutputPort("position_measured")
+        width = hand_receiver.GetOutputPort("width_measured")
+        builder.Connect(position, robot.GetInputPort("real_position"))
+        builder.Connect(width, robot.GetInputPort("real_width"))
+        ExportPorts(builder, robot, [*COMMANDS, *MEASUREMENTS], name)
+        ExportPorts(builder, receiver, ["status"], name)
+        ExportPorts(builder, robot, ["width", "width_measured"], "hand")
         return PandaHardware(arm=arm, hand=hand, sender=None, hand_sender=None)
 
     def outdated() -> bool:
@@ -131,23 +138,6 @@ def AddPandaHardware(
     ExportPorts(builder, receiver, [*MEASUREMENTS, "status"], name)
     ExportPorts(builder, hand_receiver, ["width_measured"], "hand")
     return PandaHardware(arm=arm, hand=hand, sender=sender, hand_sender=hand_sender)
-
-
-def _add_kinematic_robot(
-    builder: DiagramBuilder,
-    name: str,
-    period: float,
-    receiver: FrankaStatusReceiver,
-    hand_receiver: HandStatusReceiver,
-) -> None:
-    robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
-    position = receiver.GetOutputPort("position_measured")
-    width = hand_receiver.GetOutputPort("width_measured")
-    builder.Connect(position, robot.GetInputPort("real_position"))
-    builder.Connect(width, robot.GetInputPort("real_width"))
-    ExportPorts(builder, robot, [*COMMANDS, *MEASUREMENTS], name)
-    ExportPorts(builder, receiver, ["status"], name)
-    ExportPorts(builder, robot, ["width", "width_measured"], "hand")
 
 
 def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:
