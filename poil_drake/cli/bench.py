@@ -42,7 +42,7 @@ def bench_pipeline(
 ) -> None:
     """Run the whole job many times, each with random object, pose, texture and noise."""
     from poil_drake.benchmarks.pipeline import run_pipeline_benchmark
-    from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+    from poil_drake.diagrams.loop.perception import MakeScenarioTracker
     from poil_drake.diagrams.scenario.load import ChooseScenario
 
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)

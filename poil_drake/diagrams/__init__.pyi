@@ -10,8 +10,8 @@ from .run.output_paths import OutputPaths as OutputPaths
 from .run.planning import PlanScenario as PlanScenario
 from .run.skill_run import ExecutePlan as ExecutePlan
 from .run.skill_run import RunSkill as RunSkill
-from .scenario.dump import DumpScenario as DumpScenario
 from .scenario.load import ChooseScenario as ChooseScenario
+from .scenario.load import DumpScenario as DumpScenario
 from .scenario.load import LoadScenario as LoadScenario
 from .scenario.load import default_scenario_file as default_scenario_file
 from .scenario.scenario import Scenario as Scenario

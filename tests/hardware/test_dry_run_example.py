@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hardware_bench import hardware_scenario
 
-from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.load import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 
 pytestmark = [pytest.mark.render, pytest.mark.real_time]

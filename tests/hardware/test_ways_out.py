@@ -19,7 +19,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
-from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.load import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.systems.safety.faults import SafetyFault
 

@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.diagrams.loop.wires import LOOP_WIRES
-from poil_drake.diagrams.scenario.rates import Rates
+from poil_drake.diagrams.scenario.poil_config import Rates
 from poil_drake.geometry.rigid_transform import make_transform, rotation_exp, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.robots.joint_trajectory import JointTrajectory

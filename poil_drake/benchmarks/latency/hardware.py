@@ -25,7 +25,7 @@ from poil_drake.diagrams.run.real_time_loop import LoopTiming, RealTimeLoop
 from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.station.hardware.panda_hardware import COMMAND_SHARE
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan

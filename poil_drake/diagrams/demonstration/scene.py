@@ -1,32 +1,41 @@
 """The scene of a simulated demonstration: the scenario's models, without its robot."""
 
+import copy
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from pydrake.geometry import CalcObb, GeometryId, QueryObject
+from pydrake.geometry import CalcObb, QueryObject
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
+from pydrake.multibody.parsing import (
+    FlattenModelDirectives,
+    ModelDirective,
+    ModelDirectives,
+    PackageMap,
+    Parser,
+)
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
-from poil_drake.diagrams.demonstration.directives import demonstration_directives
-from poil_drake.diagrams.scenario.checks import NO_NETWORK
-from poil_drake.diagrams.scenario.fit import RequireFreeObject
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
     CollisionGeometries,
+    DrakeErrorsExplained,
+    ModelGeometry,
+    RequireFreeObject,
     RequireModel,
     SetInitialPositions,
 )
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
-from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.cameras.cameras import AddCameras, MakeFrame
+from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
+from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
+from poil_drake.errors import ScenarioError
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 
 _OWN_MUGS = "package://poil_drake/mugs/"
@@ -78,10 +87,8 @@ class DemonstrationScene:
             self._cameras = AddCameras(
                 builder=builder,
                 plant=self._plant,
-                cameras=scenario.cameras,
+                scenario=scenario,
                 lcm_buses=ApplyLcmBusConfig(silent, builder),
-                noise=poil.depth_noise,
-                seed=scenario.random_seed,
             )
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
         self._diagram = builder.Build()
@@ -105,7 +112,8 @@ class DemonstrationScene:
             ports = [self._diagram.GetOutputPort(f"{n}.label_image") for n in self.camera_names]
             found = [port.Eval(self._context).data[:, :, 0] for port in ports]
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
-        return MakeFrame(self._cameras, images, self._label_ids)
+        label_ids = self._label_ids if labels else {}
+        return MultiViewFrame(cameras=self._cameras, images=images, label_ids=label_ids)
 
     def boxes(self, model: str, part: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """Returns an oriented bounding box for each collision geometry of a part.
@@ -119,7 +127,7 @@ class DemonstrationScene:
             empty if the model has no such part.
         """
         found = []
-        for geometry_id in self._collision_geometries(model, part):
+        for geometry_id, *_ in self._collision_geometries(model, part):
             box = CalcObb(self._scene_graph.model_inspector().GetShape(geometry_id))
             if box is not None:
                 X_WG = self._query().GetPoseInWorld(geometry_id)
@@ -136,7 +144,7 @@ class DemonstrationScene:
         self.put_object(X_WO)
         query = self._query()
         return min(
-            query.ComputeSignedDistancePairClosestPoints(a, b).distance
+            query.ComputeSignedDistancePairClosestPoints(a.id, b.id).distance
             for a in self._collision_geometries(self.object_name, object_part)
             for b in self._collision_geometries(model, part)
         )
@@ -148,7 +156,7 @@ class DemonstrationScene:
         instance = self._plant.GetModelInstanceByName(model)
         return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
 
-    def _collision_geometries(self, model: str, part: str) -> list[GeometryId]:
+    def _collision_geometries(self, model: str, part: str) -> list[ModelGeometry]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
 
 
@@ -160,3 +168,104 @@ def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
     if poil.demonstration_object.startswith(_OWN_MUGS):
         return {poil.part: _OWN_MUGS_PART}
     return {poil.part: poil.part, **poil.parts}
+
+
+def demonstration_directives(
+    scenario: Scenario, packages: PackageMap
+) -> tuple[list[ModelDirective], set[str]]:
+    """Returns the scenario's directives without its robot and with the demonstration's object.
+
+    Everything welded to the robot, directly or through frames and other models, is removed with
+    it. Each `add_directives` is replaced by its file's contents. Collision filters are removed,
+    because a demonstration has no contact.
+
+    Args:
+        scenario: The scenario; it is not changed.
+        packages: The packages to which `package://` paths of `add_directives` may refer.
+
+    Returns:
+        The directives, and the names of the removed models.
+
+    Raises:
+        ScenarioError: A file of directives cannot be read, a weld names a link without its model,
+            or the object or fixture is welded to the robot.
+    """
+    poil = scenario.poil
+    directives = _flat(scenario.directives, packages)
+    _require_scoped_names(directives)
+    removed, frames = _attached(directives, poil.robot)
+    for role, name in (("object", poil.object), ("fixture", poil.fixture)):
+        if name in removed:
+            raise ScenarioError(
+                f"The {role} '{name}' is welded to the robot '{poil.robot}'.",
+                remedy="Remove this weld from the directives: a demonstration has no robot.",
+            )
+    kept = [d for d in directives if not _mentions(d, removed, frames)]
+    for model in (d.add_model for d in kept if d.add_model is not None):
+        if model.name == poil.object:
+            model.file = poil.demonstration_object
+            # The defaults name links and joints of the other object.
+            model.default_free_body_pose = {}
+            model.default_joint_positions = {}
+    return kept, removed
+
+
+def _flat(directives: Sequence[ModelDirective], packages: PackageMap) -> list[ModelDirective]:
+    """Returns copies of directives, with each `add_directives` replaced by its file's contents."""
+    flat: list[ModelDirective] = []
+    for directive in copy.deepcopy(list(directives)):
+        if directive.add_directives is None:
+            flat.append(directive)
+            continue
+        with DrakeErrorsExplained(
+            "A file of directives cannot be read",
+            remedy="Check the files that add_directives names.",
+        ):
+            file = ModelDirectives(directives=[directive])
+            flat += FlattenModelDirectives(file, packages).directives
+    return flat
+
+
+def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:
+    """Checks that each weld names its links as <model>::<link>."""
+    free = {"world", *(d.add_frame.name for d in directives if d.add_frame is not None)}
+    for weld in (d.add_weld for d in directives if d.add_weld is not None):
+        for name in (weld.parent, weld.child):
+            if "::" not in name and name not in free:
+                raise ScenarioError(
+                    f"A weld names '{name}' without its model, so it is unknown whether this "
+                    "link belongs to the robot.",
+                    remedy=f"Use <model>::{name} in the directives.",
+                )
+
+
+def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str], set[str]]:
+    """Returns the names of a model and of all models welded below it, and those of their frames."""
+    attached, frames = {model}, set[str]()
+    while True:
+        before = len(attached) + len(frames)
+        for directive in directives:
+            frame, weld = directive.add_frame, directive.add_weld
+            if frame is not None and _belongs(frame.X_PF.base_frame, attached, frames):
+                frames.add(frame.name)
+            elif weld is not None and _belongs(weld.parent, attached, frames):
+                attached.add(weld.child.rsplit("::", 1)[0])
+        if len(attached) + len(frames) == before:
+            return attached, frames
+
+
+def _mentions(directive: ModelDirective, models: set[str], frames: set[str]) -> bool:
+    """Returns whether a directive uses one of these models or frames, or filters collisions."""
+    model, frame, weld = directive.add_model, directive.add_frame, directive.add_weld
+    if model is not None:
+        return model.name in models
+    if frame is not None:
+        return _belongs(frame.name, models, frames)
+    if weld is not None:
+        return any(_belongs(name, models, frames) for name in (weld.parent, weld.child))
+    return directive.add_collision_filter_group is not None
+
+
+def _belongs(frame: str | None, models: set[str], frames: set[str]) -> bool:
+    """Returns whether a frame is in `frames`, or belongs to one of the models."""
+    return frame in frames or any((frame or "").startswith(f"{model}::") for model in models)

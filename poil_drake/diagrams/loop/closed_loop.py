@@ -9,14 +9,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 
 from poil_drake.diagrams.loop.control import AddControl
 from poil_drake.diagrams.loop.logging_and_visualization import (
-    AddDisturbances,
     AddLoggingAndVisualization,
     PublishSchedules,
 )
 from poil_drake.diagrams.loop.perception import AddPerception
 from poil_drake.diagrams.loop.wires import ConnectByName
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
@@ -142,12 +140,7 @@ def MakeClosedLoop(
         )
     builder.AddNamedSystem("station", station)
     parts: dict[str, Any] = {"station": station}
-    given: dict[str, Any] = {
-        "builder": builder,
-        "scenario": scenario,
-        "plan": plan,
-        "station": station,
-    }
+    given: dict[str, Any] = {"builder": builder, "plan": plan, "station": station}
     try:
         if tracker is None:
             tracker = station.MakeImagelessTracker(plan)
@@ -155,9 +148,7 @@ def MakeClosedLoop(
             RequireLabels(station)
         station.Start()
         parts |= AddControl(
-            builder=builder,
-            station=station,
-            plan=plan,
+            **given,
             speed=speed,
             hardware=hardware,
             dry_run=dry_run,
@@ -170,9 +161,10 @@ def MakeClosedLoop(
         else:
             parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
         shown = album if parts["tracker"].HasOutputPort("frame") else None
-        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=shown)
+        parts |= AddLoggingAndVisualization(
+            **given, meshcat=meshcat, log=log, album=shown, disturbances=disturbances
+        )
         ConnectByName(builder, parts)
-        AddDisturbances(builder=builder, pulses=disturbances, parts=parts)
         clock.AddStop(builder)
         diagram = builder.Build()
         station.WarmUp()

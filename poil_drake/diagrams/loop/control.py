@@ -8,8 +8,8 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.field.straight_motion import StraightMotionConfig
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH
 from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.robots.panda_kinematics import PandaModel
@@ -42,11 +42,11 @@ def AddControl(
     builder: DiagramBuilder,
     station: Station,
     plan: ExecutionPlan,
-    speed: float = 1.0,
-    hardware: bool = False,
-    dry_run: bool = False,
-    meshcat: Meshcat | None = None,
-    stop_switch: StopSwitch | None = None,
+    speed: float,
+    hardware: bool,
+    dry_run: bool,
+    meshcat: Meshcat | None,
+    stop_switch: StopSwitch | None,
     stopwatch: Stopwatch | None,
 ) -> dict[str, LeafSystem]:
     """Adds the systems of the control path, and returns them by name.

@@ -1,47 +1,61 @@
 """Adds the systems that log, show and disturb a run of the closed loop."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from enum import IntEnum
 
 from pydrake.geometry import Meshcat
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from poil_drake.diagrams.loop.logger import MakeLoopLogger, RobotLogSchedule
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
+from poil_drake.robots.panda import ARM_JOINTS
 from poil_drake.systems.disturbance_injector import DisturbanceInjector, Pulse
+from poil_drake.systems.logging.mcap_logger import McapLogger
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
-from poil_drake.systems.skill.phases import PHASE_NAMES
+from poil_drake.systems.safety.faults import SafetyFault
+from poil_drake.systems.skill.phases import PHASE_NAMES, Fault, phase_reason
+from poil_drake.systems.statuses import ControllerStatus, DetectorStatus, IkStatus, TrackerStatus
 from poil_drake.systems.visualization.point_set_visualizer import (
     PointSetVisualizer,
     PointSetVisualizerConfig,
 )
 
+_STATUSES = {
+    "controller": ("status", "tau", "potential", "mean_error", "goal_error"),
+    "ik": ("status", "scale"),
+    "tracker": ("status", "age"),
+    "detector": ("status",),
+    "supervisor": ("fault", "scale"),
+    "skill": ("fault", "holding", "detect_request"),
+    "hand": ("width_commanded", "width_measured"),
+}
+
 
 def AddLoggingAndVisualization(
     *,
     builder: DiagramBuilder,
-    scenario: Scenario,
     plan: ExecutionPlan,
     station: Station,
     meshcat: Meshcat | None,
     log: RunLogWriter | None,
     album: SnapshotAlbum | None,
+    disturbances: Sequence[Pulse],
 ) -> dict[str, LeafSystem]:
-    """Adds the visualizer, the logger and the snapshot recorder, and returns them by name.
+    """Adds the systems that log, show and disturb a run, and returns them by name.
 
     Args:
         builder: Receives the systems.
-        scenario: The station and the task.
         plan: The plan that the loop executes.
-        station: The robot and its surroundings.
+        station: The robot and its surroundings, with the scenario.
         meshcat: Where to show the run; None adds no visualizer.
         log: Receives the signals; None adds no logger.
         album: Receives snapshots. With None or the ground-truth tracker, no recorder is added.
+        disturbances: Pushes on bodies of the simulated plant.
     """
+    scenario = station.scenario
     systems: dict[str, LeafSystem] = {}
     if meshcat is not None:
         systems["visualizer"] = PointSetVisualizer(
@@ -51,7 +65,7 @@ def AddLoggingAndVisualization(
             config=PointSetVisualizerConfig(period=scenario.poil.rates.logger),
         )
     if log is not None:
-        systems["logger"] = MakeLoopLogger(scenario, plan, log=log, station=station)
+        systems["logger"] = _make_logger(plan, log=log, station=station)
     if album is not None and scenario.poil.tracker != GROUND_TRUTH:
         systems["snapshots"] = SnapshotRecorder(
             album=album,
@@ -60,31 +74,55 @@ def AddLoggingAndVisualization(
             period=scenario.poil.rates.tracker,
             offset=scenario.poil.rates.control,
         )
+    if disturbances:
+        injector = DisturbanceInjector(plant=station.plant(), pulses=disturbances)
+        systems["disturbances"] = injector
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     return systems
 
 
-def AddDisturbances(
-    *, builder: DiagramBuilder, pulses: Sequence[Pulse], parts: Mapping[str, Any]
-) -> None:
-    """Adds pushes on bodies of the simulated plant, and logs them if there is a logger.
-
-    Args:
-        builder: Receives a `DisturbanceInjector`, if there are any pushes.
-        pulses: The pushes.
-        parts: The loop's parts by name.
-    """
-    if not pulses:
-        return
-    injector = builder.AddNamedSystem(
-        "disturbances", DisturbanceInjector(plant=parts["station"].plant(), pulses=pulses)
+def _make_logger(plan: ExecutionPlan, *, log: RunLogWriter, station: Station) -> McapLogger:
+    """Returns the logger of a closed loop, with the ports that `OPTIONAL_WIRES` names."""
+    scenario, plant = station.scenario, station.plant()
+    period, offset = _robot_log_schedule(scenario)
+    bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+    return McapLogger(
+        log=log,
+        num_points=len(plan.target_points),
+        joint_names=ARM_JOINTS,
+        phase_names=PHASE_NAMES,
+        phase_reason=phase_reason,
+        body_names=[body.scoped_name().get_full() for body in bodies],
+        statuses=_STATUSES | {"cameras": [f"{name}.image_time" for name in station.camera_names]},
+        texts={
+            "controller.status": _names(ControllerStatus),
+            "ik.status": _names(IkStatus),
+            "tracker.status": _names(TrackerStatus),
+            "detector.status": _names(DetectorStatus),
+            "supervisor.fault": {int(fault): fault.text for fault in SafetyFault},
+            "skill.fault": {int(fault): fault.text for fault in Fault},
+        },
+        reference=plan.reference,
+        period=scenario.poil.rates.logger,
+        robot_period=period,
+        robot_offset=offset,
     )
-    for taker in ("station", "logger"):
-        if taker in parts:
-            builder.Connect(
-                injector.get_output_port(0), parts[taker].GetInputPort("applied_spatial_force")
-            )
+
+
+def _robot_log_schedule(scenario: Scenario) -> tuple[float, float]:
+    """Returns the period and the offset [s] at which the robot's signals are logged.
+
+    Samples are logged one plant step after the start of each control period. They hold the values
+    that the control systems read at the start: the plant steps first, and its outputs then stay
+    the same until its next step.
+    """
+    rates = scenario.poil.rates
+    return rates.control, 0.0 if rates.plant == rates.control else rates.plant
+
+
+def _names(statuses: type[IntEnum]) -> Mapping[int, str]:
+    return {int(status): status.name.lower() for status in statuses}
 
 
 def PublishSchedules(
@@ -94,7 +132,7 @@ def PublishSchedules(
     rates = scenario.poil.rates
     schedules = [(rates.logger, 0.0)]
     if log:
-        schedules.append(RobotLogSchedule(scenario))
+        schedules.append(_robot_log_schedule(scenario))
     if meshcat:
         schedules.append((scenario.visualization.publish_period, 0.0))
     if album:

@@ -2,14 +2,16 @@
 
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH
 from poil_drake.diagrams.station.station import Station
-from poil_drake.errors import ScenarioError
+from poil_drake.errors import InvalidValueError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors import make_detector
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
+from poil_drake.perception.trackers.protocol import Tracker
+from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
+from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.tracking.point_tracker import PointTracker
@@ -17,11 +19,13 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 _SOONEST = 0.9
 """Least time between tracked images, in tracker periods; below 1 because cameras jitter."""
 
+_DEFAULT_TRACKER = "rigid_flow"
+"""The tracker for demonstrations if `poil.tracker` is the ground-truth baseline."""
+
 
 def AddPerception(
     *,
     builder: DiagramBuilder,
-    scenario: Scenario,
     plan: ExecutionPlan,
     station: Station,
     dry_run: bool,
@@ -31,9 +35,9 @@ def AddPerception(
 
     Args:
         builder: Receives the systems.
-        scenario: Names the detector and the tracker.
         plan: Has the points to track.
-        station: Has the cameras, and sets when images are captured and results are released.
+        station: Has the cameras and the scenario, which names the detector and the tracker, and
+            sets when images are captured and results are released.
         dry_run: Whether to stop tracking once the points are found, as in a dry run.
         stopwatch: Measures the time for captures, detection and tracking.
 
@@ -41,7 +45,7 @@ def AddPerception(
         ScenarioError: if there are no cameras.
         InvalidValueError: if `poil.detector` or `poil.tracker` is not a known name.
     """
-    poil = scenario.poil
+    poil = station.scenario.poil
     cameras = station.camera_models
     if not cameras:
         raise ScenarioError(
@@ -71,3 +75,22 @@ def AddPerception(
         "detector": builder.AddNamedSystem("detector", detector),
         "tracker": builder.AddNamedSystem("tracker", tracker),
     }
+
+
+def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
+    """Returns the image-based tracker that a scenario selects.
+
+    For the ground-truth baseline, which uses no images, returns the tracker `rigid_flow`.
+
+    Raises:
+        InvalidValueError: if `poil.tracker` is not a known name.
+    """
+    name = _DEFAULT_TRACKER if poil.tracker == GROUND_TRUTH else poil.tracker
+    if name not in TRACKERS:
+        raise InvalidValueError(
+            f"There is no point tracker '{name}'.",
+            remedy=f"Choose one of: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
+        )
+    if TRACKERS[name][1] is RigidFlowConfig:
+        return make_tracker(name, RigidFlowConfig(support_points=poil.num_support_points))
+    return make_tracker(name)

@@ -99,6 +99,8 @@ OPTIONAL_WIRES = [
     ("detector.frame", "logger.detector.frame"),
     ("detector.status", "logger.detector.status"),
     ("detector.times", "logger.detector.times"),
+    ("disturbances.applied_spatial_force", "station.applied_spatial_force"),
+    ("disturbances.applied_spatial_force", "logger.applied_spatial_force"),
     ("tracker.frame", "snapshots.frame"),
     ("tracker.tracked_points", "snapshots.tracked_points"),
 ]

@@ -16,7 +16,6 @@ from poil_drake.recording.run_log.layout import (
     HAND_STATUS_TOPIC,
     JOINT_COMMANDS_TOPIC,
     JOINT_STATES_TOPIC,
-    PLAN_ATTACHMENT,
     REPLAY_OF_KEY,
     ROBOT_STATUS_TOPIC,
     SIMULATED,
@@ -105,16 +104,6 @@ _TOPICS = (
 )
 
 
-def RequireAttachments(run: RecordedRun) -> None:
-    """Raises a RunLogError if a log lacks the scenario or the plan."""
-    for what, lacks in (
-        ("scenario", run.scenario_text is None),
-        (f"plan (attachment '{PLAN_ATTACHMENT}')", run.plan is None),
-    ):
-        if lacks:
-            raise _lacking(run, what)
-
-
 def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
     """Checks that a log holds all signals that a replay needs.
 
@@ -128,7 +117,9 @@ def RequireTopics(run: RecordedRun, *, repeat_tracks: bool) -> None:
     for one in _TOPICS:
         if one.is_logged(run) or not one.is_needed(run) or (one.images_only and repeat_tracks):
             continue
-        raise _lacking(run, f"{one.what} on the topic {one.topic}", images_only=one.images_only)
+        raise lacking_error(
+            run, f"{one.what} on the topic {one.topic}", images_only=one.images_only
+        )
 
 
 def RequireTimes(run: RecordedRun, scenario: Scenario) -> None:
@@ -225,7 +216,8 @@ def NotesOn(run: RecordedRun, scenario: Scenario, *, repeat_tracks: bool) -> tup
     return tuple(notes)
 
 
-def _lacking(run: RecordedRun, what: str, *, images_only: bool = False) -> RunLogError:
+def lacking_error(run: RecordedRun, what: str, *, images_only: bool = False) -> RunLogError:
+    """Returns the error for a log that lacks what a replay needs."""
     cause = run.cut_off or "The log may come from an older version or another program"
     remedy = "Replay a complete log, written by this version of poil run or poil execute"
     if images_only:

@@ -4,16 +4,19 @@ import hashlib
 import math
 import tempfile
 import time
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from scipy.spatial.transform import Rotation
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.replay.cameras import CameraNotes
 from poil_drake.diagrams.replay.setup import RECORDED, ReplaySetup, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.station.replay_station import ReplayStation
+from poil_drake.perception.images import CameraModel
 from poil_drake.recording.comparison.run_comparison import compare_runs
 from poil_drake.recording.comparison.tolerances import ReplayTolerances
 from poil_drake.recording.run_log.layout import (
@@ -34,6 +37,15 @@ from poil_drake.reports.replay_summary import ReplaySummary
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.real_time import QuietInterpreter
 from poil_drake.systems.skill.stop_requests import StopSwitch
+
+_SAME_LENGTH = 1e-5
+"""Positions closer than this [m] count as equal: far below any calibration error."""
+
+_SAME_ANGLE = 1e-5
+"""Rotations smaller than this [rad] are ignored: they move a point at ten metres by 0.1 mm."""
+
+_SAME_PIXELS = 1e-3
+"""Focal lengths and principal points closer than this [px] count as equal."""
 
 
 def Replay(
@@ -115,6 +127,8 @@ def _run(
     progress: ProgressBar,
 ) -> float:
     """Simulates the loop for the duration of the log, and returns the wall-clock time taken [s]."""
+    with setup.run.path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
     switch = StopSwitch()
     start = time.perf_counter()
     with (
@@ -123,7 +137,12 @@ def _run(
             plan=setup.plan,
             scenario=setup.scenario,
             station=setup.station,
-            metadata=_origin(setup),
+            metadata={
+                REPLAY_OF_KEY: setup.run.path.name,
+                REPLAY_OF_DIGEST_KEY: digest,
+                REPLAY_TRACKER_KEY: setup.tracker,
+                REPLAY_TEXT_KEY: setup.scenario_text,
+            },
             config=RunLogConfig(images=images),
         ) as writer,
         MakeClosedLoop(
@@ -143,18 +162,6 @@ def _run(
             _advance(loop, simulator, setup.run, switch, progress)
     progress("replay", 1.0)
     return time.perf_counter() - start
-
-
-def _origin(setup: ReplaySetup) -> dict[str, str]:
-    """Returns the metadata that link the replay's log to the log of the run."""
-    with setup.run.path.open("rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return {
-        REPLAY_OF_KEY: setup.run.path.name,
-        REPLAY_OF_DIGEST_KEY: digest,
-        REPLAY_TRACKER_KEY: setup.tracker,
-        REPLAY_TEXT_KEY: setup.scenario_text,
-    }
 
 
 def _advance(
@@ -188,3 +195,31 @@ def _stops(run: RecordedRun, period: float) -> list[float]:
             ticks += [max(tick, 0.0)] * int(min(requests - asked, 1000.0))
             asked = requests
     return ticks
+
+
+def CameraNotes(run: RecordedRun, models: Sequence[CameraModel]) -> tuple[str, ...]:
+    """Returns remarks on the cameras whose intrinsics or poses differ between run and replay.
+
+    Each remark is a clause about one camera. Cameras missing from the log are skipped.
+
+    Args:
+        run: The recorded run.
+        models: The cameras of the replay.
+    """
+    found = {model.name: " and ".join(_differences(run, model)) for model in models}
+    return tuple(f"in the run, camera '{name}' {text}" for name, text in found.items() if text)
+
+
+def _differences(run: RecordedRun, model: CameraModel) -> Iterator[str]:
+    if (found := run.calibrations.get(model.name)) is not None:
+        if (found.width, found.height) != (model.width, model.height):
+            yield f"had {found.width} x {found.height} pixels"
+        elif (largest := np.abs(found.K - model.K).max()) > _SAME_PIXELS:
+            yield f"had intrinsics that differ by {largest:.2g} px from the replay's"
+    if (X_WC := run.camera_poses.get(model.name)) is not None:
+        distance = np.linalg.norm(X_WC[:3, 3] - model.X_WC[:3, 3])
+        if distance > _SAME_LENGTH:
+            yield f"was {1e3 * distance:.2g} mm from its position in the replay"
+        angle = Rotation.from_matrix(X_WC[:3, :3].T @ model.X_WC[:3, :3]).magnitude()
+        if angle > _SAME_ANGLE:
+            yield f"was rotated by {np.rad2deg(angle):.2g} deg relative to the replay"

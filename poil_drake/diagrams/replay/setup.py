@@ -6,19 +6,17 @@ from pathlib import Path
 
 from pydrake.common.yaml import yaml_load
 
-from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.replay.contents import (
     IsSparse,
     NotesOn,
-    RequireAttachments,
     RequireImages,
     RequireTimes,
     RequireTopics,
+    lacking_error,
 )
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.dump import DumpScenario
-from poil_drake.diagrams.scenario.load import LoadScenario
-from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
+from poil_drake.diagrams.scenario.load import DumpScenario, LoadScenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario, ScenarioSource
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors import make_detector
@@ -82,7 +80,6 @@ def SetUpReplay(
         PoilError: if the tracker, the detector or a setting is unknown, or conflicts with the log.
     """
     run = load_recorded_run(path)
-    RequireAttachments(run)
     unknown: list[str] = []
     recorded, plan = _recorded_scenario(run, unknown), _recorded_plan(run)
     scenario = recorded
@@ -125,9 +122,11 @@ def SetUpReplay(
 
 def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
     """Returns the run's scenario; appends to `unknown` all keys that this version lacks."""
+    if run.scenario_text is None:
+        raise lacking_error(run, "scenario")
     with tempfile.TemporaryDirectory(prefix="poil_replay_") as folder:
         file = Path(folder) / "scenario.yaml"
-        file.write_text(run.scenario_text or "", encoding="utf-8")
+        file.write_text(run.scenario_text, encoding="utf-8")
         try:
             scenario = LoadScenario(filename=file, unknown=unknown)
         except PoilError as error:
@@ -140,8 +139,10 @@ def _recorded_scenario(run: RecordedRun, unknown: list[str]) -> Scenario:
 
 
 def _recorded_plan(run: RecordedRun) -> ExecutionPlan:
+    if run.plan is None:
+        raise lacking_error(run, f"plan (attachment '{PLAN_ATTACHMENT}')")
     try:
-        return ExecutionPlan.from_bytes(run.plan or b"", name=f"{run.path}: {PLAN_ATTACHMENT}")
+        return ExecutionPlan.from_bytes(run.plan, name=f"{run.path}: {PLAN_ATTACHMENT}")
     except PoilError as error:
         remedy = "Copy the log again from the original, or record a new run."
         raise RunLogError(error.problem, remedy=remedy) from error

@@ -78,9 +78,6 @@ def RunDriver(
     robot = MakeDriverStation(
         scenario,
         lcm,
-        channels=hardware.channels,
-        command_expiry=hardware.command_expiry,
-        cameras=True,
         meshcat=MakeMeshcat() if show else None,
         clock=hardware.clock(),
     )
@@ -88,7 +85,7 @@ def RunDriver(
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     simulator.set_target_realtime_rate(0.0)  # `RealTimeLoop` does the pacing.
     root = simulator.get_mutable_context()
-    truth = SimulatedTruth.of(robot.station)
+    truth = SimulatedTruth(robot.station)
     loop = RealTimeLoop(
         simulator,
         period=min(STATUS_PERIOD, poil.rates.plant),

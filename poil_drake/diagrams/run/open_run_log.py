@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.load import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.layout import SIMULATED, STATION_KEY

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.station.hardware.panda_hardware import COMMAND_SHARE
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 from poil_drake.runtime.real_time import QuietInterpreter, RealTimeScheduling

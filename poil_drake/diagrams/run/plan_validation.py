@@ -3,8 +3,7 @@
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan
@@ -90,7 +89,7 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
         (f"part '{poil.part}' of '{poil.object}'", plan.part_points, view.part.points),
     )
     for name, planned, seen in pairs:
-        distance = surface_distance(planned, seen, _KEPT_SHARE)
+        distance = surface_distance(planned, seen)
         if distance > _SURFACE_TOLERANCE:
             raise PlanningError(
                 f"The {name} does not match the plan: its surface is {1e3 * distance:.1f} mm from "
@@ -100,16 +99,15 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
             )
 
 
-def surface_distance(first: np.ndarray, second: np.ndarray, kept_share: float) -> float:
+def surface_distance(first: np.ndarray, second: np.ndarray) -> float:
     """Returns the distance between two point clouds of the same surface [m].
 
     Each point has a distance to the nearest point of the other cloud. These distances are averaged
-    over each cloud, without its farthest points. The larger average is the result.
+    over the `_KEPT_SHARE` of each cloud that is nearest. The larger average is the result.
 
     Args:
         first: (N, 3) points [m].
         second: (M, 3) points [m].
-        kept_share: Share of each cloud's points to average over, nearest first, in (0, 1].
     """
     distances = (cKDTree(second).query(first)[0], cKDTree(first).query(second)[0])
-    return max(float(np.sort(d)[: max(1, int(kept_share * len(d)))].mean()) for d in distances)
+    return max(float(np.sort(d)[: max(1, int(_KEPT_SHARE * len(d)))].mean()) for d in distances)

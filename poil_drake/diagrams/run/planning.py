@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
-from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.loop.scenario_tracker import MakeScenarioTracker
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.run.finished_run import FinishedRun, WriteReport
 from poil_drake.diagrams.run.html_recording import HtmlRecording, MakeMeshcat
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
@@ -25,15 +25,15 @@ from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.run.real_time_loop import RealTimeLoop
 from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.task_success import SimulatedTruth
-from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware.hardware_checks import CheckHardwareRun
-from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
+from poil_drake.diagrams.station.hardware.panda_hardware import COMMAND_SHARE
 from poil_drake.diagrams.station.station import (
     HardwareStation,
     MakeStation,
     RequireLabels,
     SimulatedStation,
 )
+from poil_drake.diagrams.station.station_base import ground_truth_error
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors import make_detector
@@ -88,8 +88,8 @@ def RunSkill(
         # Find mistakes in the scenario before minutes are spent on a demonstration.
         make_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
-        if hardware:
-            CheckHardwareRun(scenario)
+        if hardware and scenario.poil.tracker == GROUND_TRUTH:
+            raise ground_truth_error()
         station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
         RequireLabels(station)
         if hardware:
@@ -197,7 +197,7 @@ def ExecutePlan(
             stack.callback(loop.Close)
             truth = None
             if isinstance(loop.station, SimulatedStation):
-                truth = SimulatedTruth.of(loop.station)
+                truth = SimulatedTruth(loop.station)
             recorder = RunRecorder(loop=loop, query_points=plan.target_points, truth=truth)
             if meshcat is not None and outputs.html is not None:
                 recording = HtmlRecording(

@@ -2,14 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
-from pydrake.geometry import SceneGraphInspector
+from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.models import CollisionGeometries, ScopedGeometryName
+from poil_drake.diagrams.scenario.models import CollisionGeometries
 from poil_drake.diagrams.station.station import SimulatedStation
 
 _LONGEST_FLIGHT = 0.1
@@ -39,11 +38,19 @@ def TouchedGeometries(
         pairs.append((surface.id_M(), surface.id_N()))
     touched = set()
     for pair in pairs:
-        a, b = (ScopedGeometryName(plant, inspector, geometry_id) for geometry_id in pair)
+        a, b = (_scoped_name(plant, inspector, geometry_id) for geometry_id in pair)
         for name, other in ((a, b), (b, a)):
             if other.startswith(f"{model}::") and not name.startswith(f"{model}::"):
                 touched.add(name)
     return frozenset(touched)
+
+
+def _scoped_name(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, geometry_id: GeometryId
+) -> str:
+    body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry_id))
+    model = plant.GetModelInstanceName(body.model_instance())
+    return f"{model}::{body.name()}::{inspector.GetName(geometry_id).split('::')[-1]}"
 
 
 @dataclass
@@ -89,47 +96,42 @@ class HangingJudge:
         return 0.0 if self.hanging_since is None else time - self.hanging_since
 
 
-@dataclass(frozen=True, kw_only=True)
 class SimulatedTruth:
     """The true state of the object in a simulated station. Nothing in a loop may depend on it.
 
     Attributes:
-        station: The station.
         judge: Measures how long the object has hung.
     """
 
-    station: SimulatedStation
-    judge: HangingJudge
-
-    @classmethod
-    def of(cls, station: SimulatedStation) -> Self:
-        """Returns the truth of a station, with a judge that has observed nothing yet."""
+    def __init__(self, station: SimulatedStation):
+        """Stores the station. The judge has observed nothing yet."""
         poil, plant = station.scenario.poil, station.plant()
         inspector = station.scene_graph().model_inspector()
         rod = poil.demonstration_motion.hanging.rod
         holder = frozenset(
-            ScopedGeometryName(plant, inspector, geometry_id)
-            for geometry_id in CollisionGeometries(plant, inspector, poil.fixture, rod)
+            f"{poil.fixture}::{geometry.link}::{geometry.name}"
+            for geometry in CollisionGeometries(plant, inspector, poil.fixture, rod)
         )
-        return cls(station=station, judge=HangingJudge(fixture=poil.fixture, holder=holder))
+        self._station = station
+        self.judge = HangingJudge(fixture=poil.fixture, holder=holder)
 
     def object_pose(self, root: Context) -> np.ndarray:
         """Returns X_WO, the (4, 4) pose of the object's base body, from the root context."""
-        context = self.station.plant().GetMyContextFromRoot(root)
-        return self.station.object_body().EvalPoseInWorld(context).GetAsMatrix4()
+        context = self._station.plant().GetMyContextFromRoot(root)
+        return self._station.object_body().EvalPoseInWorld(context).GetAsMatrix4()
 
     def plant_state(self, root: Context) -> np.ndarray:
         """Returns the positions and velocities of the simulated plant."""
-        plant = self.station.plant()
+        plant = self._station.plant()
         return plant.GetPositionsAndVelocities(plant.GetMyContextFromRoot(root))
 
     def observe(self, root: Context) -> None:
         """Reports to the judge what the object touches now."""
-        context = self.station.GetMyContextFromRoot(root)
+        context = self._station.GetMyContextFromRoot(root)
         touched = TouchedGeometries(
-            self.station.plant(),
-            self.station.GetOutputPort("query_object").Eval(context).inspector(),
-            self.station.GetOutputPort("contact_results").Eval(context),
-            self.station.scenario.poil.object,
+            self._station.plant(),
+            self._station.GetOutputPort("query_object").Eval(context).inspector(),
+            self._station.GetOutputPort("contact_results").Eval(context),
+            self._station.scenario.poil.object,
         )
         self.judge.observe(root.get_time(), touched)

@@ -2,11 +2,13 @@
 
 import copy
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import GeometryId, SceneGraph, SceneGraphInspector
+from pydrake.geometry import GeometryId, Role, SceneGraph, SceneGraphInspector
 from pydrake.manipulation import ApplyNamedPositionsAsDefaults
 from pydrake.multibody.parsing import (
     ModelDirective,
@@ -15,14 +17,35 @@ from pydrake.multibody.parsing import (
     ProcessModelDirectives,
 )
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
-from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, drake_reason
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.cameras.labels import model_instances
 from poil_drake.errors import ScenarioError
 from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
+
+_DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, SystemExit)
+"""What Drake raises for invalid values. A failed C++ assertion arrives in Python as SystemExit."""
+
+
+@contextmanager
+def DrakeErrorsExplained(problem: str, *, remedy: str) -> Iterator[None]:
+    """Replaces an error that Drake raises in a `with` block by a ScenarioError.
+
+    Args:
+        problem: What is wrong, e.g. "plant_config cannot be used". Drake's reason is appended.
+        remedy: What the user can do.
+    """
+    try:
+        yield
+    except _DRAKE_ERRORS as error:
+        reason = " ".join(str(error).split())
+        # An assertion: "Failure at <file>:<line> in <function>: condition '<C++>' failed."
+        if reason.startswith("Failure at ") and ": condition " in reason:
+            condition = reason.split(": condition ", 1)[1].removesuffix(" failed.")
+            reason = f"Drake requires {condition}"
+        raise ScenarioError(f"{problem}: {reason.rstrip('.')}.", remedy=remedy) from error
 
 
 def AddScenarioPlant(
@@ -35,13 +58,12 @@ def AddScenarioPlant(
     """
     config = copy.deepcopy(scenario.plant_config)
     config.time_step = scenario.poil.rates.plant
-    try:
-        return AddMultibodyPlant(config, builder)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"plant_config cannot be used: {drake_reason(error)}.",
-            remedy="Use values that the documentation of Drake's MultibodyPlantConfig allows.",
-        ) from error
+    with DrakeErrorsExplained(
+        "plant_config cannot be used",
+        remedy="Use values that the documentation of Drake's MultibodyPlantConfig allows.",
+    ):
+        plant, scene_graph = AddMultibodyPlant(config, builder)
+    return plant, scene_graph
 
 
 def AddPackages(parser: Parser, package_xmls: Sequence[str | Path] = ()) -> None:
@@ -63,13 +85,11 @@ def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
     Raises:
         ScenarioError: A file, model, link or frame does not exist.
     """
-    try:
+    with DrakeErrorsExplained(
+        "The directives cannot be processed",
+        remedy="Check the files and the model, link and frame names in the directives.",
+    ):
         ProcessModelDirectives(ModelDirectives(directives=list(directives)), parser)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"The directives cannot be processed: {drake_reason(error)}.",
-            remedy="Check the files and the model, link and frame names in the directives.",
-        ) from error
 
 
 def SetInitialPositions(
@@ -90,13 +110,11 @@ def SetInitialPositions(
         for model, joints in scenario.initial_position.items()
         if model not in without
     }
-    try:
+    with DrakeErrorsExplained(
+        "initial_position cannot be set",
+        remedy="Correct the name of the model or joint, or the number of values.",
+    ):
         ApplyNamedPositionsAsDefaults(positions, plant)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"initial_position cannot be set: {drake_reason(error)}.",
-            remedy="Correct the name of the model or joint, or the number of values.",
-        ) from error
 
 
 def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
@@ -108,46 +126,80 @@ def RequireModel(plant: MultibodyPlant, name: str, role: str) -> None:
     if not plant.HasModelInstanceNamed(name):
         raise ScenarioError(
             f"poil.{role} is '{name}', but no directive adds a model with that name.",
-            remedy=f"Choose one of: {', '.join(model_instances(plant))}.",
+            remedy=f"Choose one of: {', '.join(model_names(plant))}.",
         )
+
+
+def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
+    """Checks that the model `name` of a finalized plant can move freely.
+
+    Raises:
+        ScenarioError: The model is welded or joined to something.
+    """
+    bodies = plant.GetBodyIndices(plant.GetModelInstanceByName(name))
+    if not plant.get_body(bodies[0]).is_floating_base_body():
+        raise ScenarioError(
+            f"The object '{name}' is welded or joined to something, so it cannot move freely.",
+            remedy="Remove the weld from the directives, or the joint from its model file.",
+        )
+
+
+def model_names(plant: MultibodyPlant) -> list[str]:
+    """Returns the names of the plant's model instances that have bodies, except the world."""
+    models = map(ModelInstanceIndex, range(1, plant.num_model_instances()))
+    return [plant.GetModelInstanceName(i) for i in models if plant.GetBodyIndices(i)]
+
+
+class ModelGeometry(NamedTuple):
+    """A geometry of a model.
+
+    Attributes:
+        id: The geometry's ID.
+        link: Name of the geometry's link, without the model's scope.
+        name: Name of the geometry, without the model's scope.
+    """
+
+    id: GeometryId
+    link: str
+    name: str
+
+
+def ModelGeometries(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, model: str, role: Role
+) -> list[ModelGeometry]:
+    """Returns the geometries of a model instance that have a role."""
+    found = []
+    for index in plant.GetBodyIndices(plant.GetModelInstanceByName(model)):
+        link, frame = plant.get_body(index).name(), plant.GetBodyFrameIdOrThrow(index)
+        for geometry_id in inspector.GetGeometries(frame, role):
+            name = inspector.GetName(geometry_id).split("::")[-1]
+            found.append(ModelGeometry(geometry_id, link, name))
+    return found
+
+
+def PartGeometries(geometries: Sequence[ModelGeometry], part: str) -> list[ModelGeometry]:
+    """Returns the geometries of a part; empty if there is no such part.
+
+    Args:
+        geometries: The geometries of a model.
+        part: A link of the model or, if no link has this name, a regular expression that matches
+            the whole name of a geometry.
+
+    Raises:
+        re.error: There is no such link, and the regular expression is invalid.
+    """
+    of_link = [g for g in geometries if g.link == part]
+    return of_link or [g for g in geometries if re.fullmatch(part, g.name)]
 
 
 def CollisionGeometries(
     plant: MultibodyPlant, inspector: SceneGraphInspector, model: str, part: str
-) -> list[GeometryId]:
-    """Returns the collision geometries of a part.
+) -> list[ModelGeometry]:
+    """Returns the collision geometries of a part of a model; empty if there is no such part.
 
-    Args:
-        plant: The plant.
-        inspector: The inspector of the plant's scene graph.
-        model: The model instance.
-        part: A link of the model or, if no link has this name, a regular expression that matches
-            the whole name of a geometry, without its scope.
-
-    Returns:
-        The geometries; empty if there is no such part.
+    See `PartGeometries` for `part`; an invalid regular expression matches nothing.
     """
-    instance = plant.GetModelInstanceByName(model)
-    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
-    named = [body for body in bodies if body.name() == part]
-    geometries = [g for b in named or bodies for g in plant.GetCollisionGeometriesForBody(b)]
-    if named:
-        return geometries
     try:
-        pattern = re.compile(part)
+        return PartGeometries(ModelGeometries(plant, inspector, model, Role.kProximity), part)
     except re.error:
         return []
-    return [g for g in geometries if pattern.fullmatch(_own_name(inspector, g))]
-
-
-def ScopedGeometryName(
-    plant: MultibodyPlant, inspector: SceneGraphInspector, geometry_id: GeometryId
-) -> str:
-    """Returns "model::link::geometry" for a geometry of the plant, e.g. "rack::rod::bar"."""
-    body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry_id))
-    model = plant.GetModelInstanceName(body.model_instance())
-    return f"{model}::{body.name()}::{_own_name(inspector, geometry_id)}"
-
-
-def _own_name(inspector: SceneGraphInspector, geometry_id: GeometryId) -> str:
-    return inspector.GetName(geometry_id).split("::")[-1]

@@ -119,7 +119,13 @@ def _merge_structure(
             continue
         if key not in fields:
             if unknown is None:
-                raise _unknown_key(path, key, list(fields))
+                where = f" in '{path}'" if path else ""
+                close = difflib.get_close_matches(key, fields, n=1)
+                guess = f" Did you mean '{close[0]}'?" if close else ""
+                raise ScenarioError(
+                    f"The key '{key}'{where} is not known.{guess}",
+                    remedy=f"Valid keys: {', '.join(fields)}.",
+                )
             unknown.append(place)
             continue
         values[key] = merge_yaml(
@@ -172,15 +178,6 @@ def _wanted(members: Sequence[Any]) -> str:
     elif names:
         choices.append(f"a mapping with one of the tags {', '.join(f'!{name}' for name in names)}")
     return " or ".join(choices)
-
-
-def _unknown_key(path: str, key: str, valid: Sequence[str]) -> ScenarioError:
-    where = f" in '{path}'" if path else ""
-    close = difflib.get_close_matches(key, valid, n=1)
-    guess = f" Did you mean '{close[0]}'?" if close else ""
-    return ScenarioError(
-        f"The key '{key}'{where} is not known.{guess}", remedy=f"Valid keys: {', '.join(valid)}."
-    )
 
 
 def _wrong(path: str, node: Any, wanted: str) -> ScenarioError:

@@ -13,7 +13,6 @@ from poil_drake.diagrams.station.cameras.capture_sources import BusUrl, ImageCha
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
 from poil_drake.systems.cameras.lcm_cameras import LcmCameraFeed
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
-from poil_drake.systems.lcm.panda_messages import PandaChannels
 from poil_drake.systems.lcm.simulated_driver import SimulatedDriver, SimulatedHand
 
 
@@ -45,28 +44,25 @@ def MakeDriverStation(
     scenario: Scenario,
     lcm: MessageNetwork,
     *,
-    channels: PandaChannels | None = None,
-    command_expiry: float = 0.1,
-    cameras: bool = False,
     meshcat: Meshcat | None = None,
     clock: Clock = time.time,
 ) -> DriverStation:
     """Builds a simulated robot that receives commands and sends statuses over LCM.
 
+    It also sends the images of the cameras that the hardware station reads from LCM. Call
+    `DriverStation.Close` after use.
+
     Args:
-        scenario: The models and the cameras.
+        scenario: The models, the cameras and the channels.
         lcm: The network. The diagram handles its subscriptions at every plant step.
-        channels: Names of the LCM channels; None for those of the Franka driver.
-        command_expiry: How old a command may be that the driver accepts [s].
-        cameras: Whether to send the images of the cameras that the hardware station reads from
-            LCM. If so, call `DriverStation.Close` after use.
         meshcat: Shows the simulated scene; None shows nothing.
         clock: Returns the driver's time [s since the epoch].
 
     Raises:
         PoilError: if the station cannot be built.
     """
-    channels = channels or PandaChannels()
+    hardware = scenario.poil.hardware
+    channels = hardware.channels
     builder = DiagramBuilder()
     builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=scenario.poil.rates.plant))
     station = MakeStation(scenario, meshcat=meshcat, cameras=False)
@@ -79,7 +75,7 @@ def MakeDriverStation(
             command_channel=channels.command,
             status_channel=channels.status,
             period=scenario.poil.rates.plant,
-            expiry=command_expiry,
+            expiry=hardware.command_expiry,
             clock=clock,
         ),
     )
@@ -104,7 +100,7 @@ def MakeDriverStation(
         (hand, "width", station, "hand.width"),
     ):
         builder.Connect(giver.GetOutputPort(output), taker.GetInputPort(input_))
-    feed, renderer = _add_feed(builder, scenario, station, clock) if cameras else (None, None)
+    feed, renderer = _add_feed(builder, scenario, station, clock)
     return DriverStation(diagram=builder.Build(), station=station, feed=feed, renderer=renderer)
 
 

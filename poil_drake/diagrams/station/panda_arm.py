@@ -6,20 +6,19 @@ from pydrake.multibody.tree import ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
 
-from poil_drake.diagrams.station.exports import COMMANDS, ExportPorts
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station_base import COMMANDS, ExportPorts
 from poil_drake.errors import StationError
 from poil_drake.robots.joint_limits import JointLimits
 from poil_drake.robots.panda import ARM_JOINTS, FINGER_JOINTS, NUM_JOINTS
 from poil_drake.systems.panda.hand_driver import HandDriver
-from poil_drake.systems.panda.velocity_driver import PandaDriver, PandaVelocityDriver
+from poil_drake.systems.panda.velocity_driver import PandaVelocityDriver
 
 ARM_DRIVER = "panda_velocity_driver"
 HAND_DRIVER = "hand_driver"
 
 
-def SetControllerGains(
-    *, plant: MultibodyPlant, robot: ModelInstanceIndex, config: PandaDriver
-) -> None:
+def SetControllerGains(plant: MultibodyPlant, scenario: Scenario) -> None:
     """Sets the gains of the robot's actuators, and disables gravity on the robot.
 
     Call this before `plant.Finalize()`: gains cannot be set afterwards.
@@ -27,6 +26,7 @@ def SetControllerGains(
     Raises:
         StationError: if the model lacks one of the Panda's actuators.
     """
+    robot, config = plant.GetModelInstanceByName(scenario.poil.robot), scenario.robot_driver
     gains = {
         name: PdControllerGains(p=p, d=d)
         for name, p, d in zip(ARM_JOINTS, config.stiffness, config.damping, strict=True)
@@ -35,7 +35,7 @@ def SetControllerGains(
     for name, gain in gains.items():
         if not plant.HasJointActuatorNamed(name, robot):
             raise StationError(
-                f"The robot '{plant.GetModelInstanceName(robot)}' has no actuator '{name}'.",
+                f"The robot '{scenario.poil.robot}' has no actuator '{name}'.",
                 remedy="Set poil.robot to a model of package://poil_drake_panda/panda.urdf.",
             )
         plant.GetJointActuatorByName(name, robot).set_controller_gains(gain)
@@ -54,14 +54,7 @@ def ArmJointLimits(plant: MultibodyPlant, robot: ModelInstanceIndex) -> JointLim
     )
 
 
-def AddPandaDrivers(
-    *,
-    builder: DiagramBuilder,
-    plant: MultibodyPlant,
-    robot: ModelInstanceIndex,
-    config: PandaDriver,
-    time_step: float,
-) -> None:
+def AddPandaDrivers(*, builder: DiagramBuilder, plant: MultibodyPlant, scenario: Scenario) -> None:
     """Adds and connects the arm's and the hand's drivers, and exports their ports.
 
     Call this after `plant.Finalize()`. For a robot named `panda`, exports the inputs
@@ -72,11 +65,10 @@ def AddPandaDrivers(
     Args:
         builder: Receives the drivers; must already hold the plant.
         plant: The finalized plant.
-        robot: The Panda in the plant.
-        config: How the robot follows commands.
-        time_step: Period of the drivers [s].
+        scenario: Names the Panda, and sets how it follows commands.
     """
-    name = plant.GetModelInstanceName(robot)
+    name, config, time_step = scenario.poil.robot, scenario.robot_driver, scenario.poil.rates.plant
+    robot = plant.GetModelInstanceByName(name)
     fingers = plant.num_positions(robot) - NUM_JOINTS
     arm = builder.AddNamedSystem(
         ARM_DRIVER,

@@ -5,34 +5,31 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
-from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
 from poil_drake.diagrams.station.cameras.cameras import (
     AddCameras,
     CameraDelay,
     CheckCameras,
     MakeCameraModels,
-    ReadImage,
 )
-from poil_drake.diagrams.station.exports import ExportOutputs
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
-from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import RgbdImage
 from poil_drake.runtime.stopwatch import Stopwatch
+from poil_drake.systems.cameras.camera_ports import copied_image
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 from poil_drake.systems.capture_timing import SimulatedDelay
-from poil_drake.systems.panda.velocity_driver import PandaDriver
 from poil_drake.systems.tracking.ground_truth_tracker import (
     GroundTruthTracker,
     GroundTruthTrackerConfig,
@@ -105,16 +102,8 @@ class SimulatedStation(Station):
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
-        robot = self._plant.GetModelInstanceByName(poil.robot)
-        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
-        AddPandaDrivers(
-            builder=builder,
-            plant=self._plant,
-            robot=robot,
-            config=scenario.model_drivers.get(poil.robot, PandaDriver()),
-            time_step=poil.rates.plant,
-        )
+        AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0
         if cameras:
             offset = self._add_cameras(
@@ -154,10 +143,8 @@ class SimulatedStation(Station):
             self.camera_models = AddCameras(
                 builder=builder,
                 plant=self._plant,
-                cameras=scenario.cameras,
+                scenario=scenario,
                 lcm_buses=lcm_buses,
-                noise=scenario.poil.depth_noise,
-                seed=scenario.random_seed,
             )
             return 0.0
         self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
@@ -196,10 +183,7 @@ class SimulatedStation(Station):
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
         """See `Station.TakeImages`."""
         if self._camera_process is None:
-            return tuple(
-                ReadImage(diagram=self, context=context, name=name, labels=labels)
-                for name in self.camera_names
-            )
+            return tuple(self._image(context, name, labels) for name in self.camera_names)
         plant_context = self.GetSubsystemContext(self._plant, context)
         scene = (self._plant.GetPositions(plant_context), context.get_time())
         images = self._camera_process.render(*scene)
@@ -207,6 +191,15 @@ class SimulatedStation(Station):
             found = self._camera_process.render_labels(*scene)
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return images
+
+    def _image(self, context: Context, name: str, labels: bool) -> RgbdImage:
+        """Renders one camera's current image, and returns a copy of it."""
+
+        def pixels(kind: str) -> np.ndarray:
+            return self.GetOutputPort(f"{name}.{kind}_image").Eval(context).data
+
+        label = pixels("label") if labels else None
+        return copied_image(pixels("rgb"), pixels("depth"), label, stamp=context.get_time())
 
     def Start(self) -> None:
         """Starts the process that renders delayed cameras, without waiting for it."""

@@ -7,25 +7,15 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.cameras.cameras import CameraDelay, MakeFrame
-from poil_drake.diagrams.station.hardware.hardware_checks import label_error
-from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation
-from poil_drake.diagrams.station.simulated_station import SimulatedStation
-from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.cameras.cameras import CameraDelay
+from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation as HardwareStation
+from poil_drake.diagrams.station.simulated_station import SimulatedStation as SimulatedStation
+from poil_drake.diagrams.station.station_base import Station as Station
 from poil_drake.diagrams.station.station_models import PrefinalizeCallback
-from poil_drake.errors import StationError
+from poil_drake.errors import ScenarioError, StationError
 from poil_drake.perception.detectors import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.runtime.stopwatch import Stopwatch
-
-__all__ = [
-    "CaptureFrame",
-    "HardwareStation",
-    "MakeStation",
-    "RequireLabels",
-    "SimulatedStation",
-    "Station",
-]
 
 
 def MakeStation(
@@ -101,7 +91,13 @@ def RequireLabels(station: Station) -> None:
     poil = station.scenario.poil
     for name in station.camera_names:
         if poil.detector == LABEL_IMAGE and not station.HasOutputPort(f"{name}.label_image"):
-            raise label_error(name)
+            raise ScenarioError(
+                f"The detector '{LABEL_IMAGE}' reads label images, which camera '{name}' does not "
+                "provide.",
+                remedy="Use a source with label images: a segmentation node that sends images and "
+                f"labels over LCM (poil.hardware.cameras.{name}: !LcmImages {{}}), or a recording "
+                "that contains labels (!McapPlayback).",
+            )
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:
@@ -110,7 +106,8 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
     Args:
         station: The station.
         context: The station's own context, not that of a diagram around it.
-        labels: Whether to include label images, which take additional time to render.
+        labels: Whether to include label images, which take additional time to render. The frame
+            has label IDs if every camera provides them.
 
     Raises:
         StationError: if the station has no cameras, or cannot capture images.
@@ -120,6 +117,10 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
             "The station has no cameras.",
             remedy="Add cameras to the scenario, and build the station with cameras=True.",
         )
-    return MakeFrame(
-        station.camera_models, station.TakeImages(context, labels=labels), station.label_ids
+    images = station.TakeImages(context, labels=labels)
+    labelled = all(image.label is not None for image in images)
+    return MultiViewFrame(
+        cameras=station.camera_models,
+        images=images,
+        label_ids=dict(station.label_ids) if labelled else {},
     )

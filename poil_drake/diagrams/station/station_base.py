@@ -1,21 +1,26 @@
 """The interface of all stations: simulated, real or replayed."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Self
 
 import numpy as np
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Context, Diagram, LeafSystem
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
 
-from poil_drake.diagrams.scenario.checks import GROUND_TRUTH
-from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.hardware.hardware_checks import ground_truth_error
+from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
+from poil_drake.errors import ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.robots.panda import BASE_LINK
 from poil_drake.systems.capture_timing import CaptureTiming
+
+COMMANDS = ("velocity", "velocity_time")
+"""Names of an arm's input ports."""
+
+MEASUREMENTS = ("position_measured", "velocity_measured", "torque_external")
+"""Names of an arm's output ports, except `status`."""
 
 
 class Station(Diagram):
@@ -131,3 +136,27 @@ class Station(Diagram):
         plant = self._plant
         robot = plant.GetModelInstanceByName(self.scenario.poil.robot)
         return plant.GetBodyByName(BASE_LINK, robot).EvalPoseInWorld(plant.CreateDefaultContext())
+
+
+def ground_truth_error() -> ScenarioError:
+    """Returns the error for a ground-truth tracker on hardware."""
+    return ScenarioError(
+        f"The tracker '{GROUND_TRUTH}' needs the simulator's poses, which hardware does not have.",
+        remedy="Set poil.tracker to one that uses cameras, e.g. rigid_flow.",
+    )
+
+
+def ExportPorts(builder: DiagramBuilder, system: System, names: Sequence[str], model: str) -> None:
+    """Exports the named input and output ports of a system as "<model>.<name>"."""
+    for name in names:
+        if system.HasInputPort(name):
+            builder.ExportInput(system.GetInputPort(name), f"{model}.{name}")
+        else:
+            builder.ExportOutput(system.GetOutputPort(name), f"{model}.{name}")
+
+
+def ExportOutputs(builder: DiagramBuilder, system: System) -> None:
+    """Exports all output ports of a system under their own names."""
+    for k in range(system.num_output_ports()):
+        port = system.get_output_port(k)
+        builder.ExportOutput(port, port.get_name())

@@ -1,26 +1,33 @@
-"""Adds the models of a scenario to the plant of a station."""
+"""Adds the models of a scenario to the plant of a station, and checks that they fit together."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydrake.geometry import SceneGraph
+import numpy as np
+from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
+    CollisionGeometries,
+    RequireFreeObject,
     RequireModel,
     SetInitialPositions,
 )
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.diagrams.station.panda_arm import SetControllerGains
-from poil_drake.systems.panda.velocity_driver import PandaDriver
+from poil_drake.errors import ScenarioError
+from poil_drake.robots.panda import BASE_LINK
 
 PrefinalizeCallback = Callable[[Parser], None]
 """Called with the parser while models can still be added."""
+
+_LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 
 
 def MakeUnsimulatedPlant(
@@ -74,13 +81,9 @@ def AddStationModels(
     if parser_preload_callback is not None:
         parser_preload_callback(parser)
     AddModels(parser, scenario.directives)
-    for role, name in (("robot", poil.robot), ("object", poil.object)):
-        RequireModel(plant, name, role)
-    SetControllerGains(
-        plant=plant,
-        robot=plant.GetModelInstanceByName(poil.robot),
-        config=scenario.model_drivers.get(poil.robot, PandaDriver()),
-    )
+    for role in ("robot", "object", "fixture"):
+        RequireModel(plant, getattr(poil, role), role)
+    SetControllerGains(plant, scenario)
     SetInitialPositions(plant, scenario)
     label_ids = AssignLabels(
         plant=plant,
@@ -90,4 +93,67 @@ def AddStationModels(
     if parser_prefinalize_callback is not None:
         parser_prefinalize_callback(parser)
     plant.Finalize()
+    _check_fit(plant, scene_graph.model_inspector(), scenario)
     return label_ids
+
+
+def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: Scenario) -> None:
+    """Checks a scenario's names and initial positions against the models of a finalized plant.
+
+    Raises:
+        ScenarioError: The object cannot move freely; the robot's base is not fixed to the world;
+            the fixture has no rod; `model_drivers` names another model than the robot; or a joint
+            starts outside its limits.
+    """
+    poil = scenario.poil
+    _require_holder(plant, inspector, poil)
+    RequireFreeObject(plant, poil.object)
+    _require_welded_base(plant, poil)
+    for name in scenario.model_drivers:
+        if name != poil.robot:
+            raise ScenarioError(
+                f"model_drivers names '{name}', but only the robot '{poil.robot}' has a driver.",
+                remedy=f"Rename this key of model_drivers to '{poil.robot}', or remove it.",
+            )
+    for name in scenario.initial_position:
+        _require_start_within_limits(plant, name)
+
+
+def _require_welded_base(plant: MultibodyPlant, poil: PoilConfig) -> None:
+    robot = plant.GetModelInstanceByName(poil.robot)
+    if not plant.IsAnchored(plant.GetBodyByName(BASE_LINK, robot)):
+        raise ScenarioError(
+            f"The robot's base '{poil.robot}::{BASE_LINK}' is not fixed to the world.",
+            remedy="Weld it in the directives: add_weld: {parent: world, child: "
+            f"{poil.robot}::{BASE_LINK}}}.",
+        )
+
+
+def _require_holder(
+    plant: MultibodyPlant, inspector: SceneGraphInspector, poil: PoilConfig
+) -> None:
+    rod = poil.demonstration_motion.hanging.rod
+    if CollisionGeometries(plant, inspector, poil.fixture, rod):
+        return
+    known = CollisionGeometries(plant, inspector, poil.fixture, ".*")
+    links = sorted({geometry.link for geometry in known})
+    geometries = sorted(geometry.name for geometry in known)
+    raise ScenarioError(
+        f"poil.demonstration_motion.hanging.rod is '{rod}', but the fixture '{poil.fixture}' has "
+        "no such link or collision geometry.",
+        remedy=f"Set this key to one of the links ({', '.join(links)}), or to a regular expression "
+        f"for names of collision geometries ({', '.join(geometries)}).",
+    )
+
+
+def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:
+    for index in plant.GetJointIndices(plant.GetModelInstanceByName(model)):
+        joint = plant.get_joint(index)
+        q = joint.default_positions()
+        lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
+        if np.any(q < lower - _LIMIT_TOLERANCE) or np.any(q > upper + _LIMIT_TOLERANCE):
+            raise ScenarioError(
+                f"initial_position.{model}.{joint.name()} is {q.tolist()}, beyond the joint's "
+                f"limits {lower.tolist()} and {upper.tolist()}.",
+                remedy="Use values within the limits, in radians or metres.",
+            )

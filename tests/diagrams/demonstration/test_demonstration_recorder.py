@@ -8,6 +8,8 @@ from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario, defa
 from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 
+pytestmark = pytest.mark.render
+
 SMALL = """
 cameras:
   left: { width: 160, height: 120 }
@@ -26,7 +28,6 @@ def recording(tmp_path_factory):
     return path, count, progress
 
 
-@pytest.mark.render
 def test_frames_come_at_the_trackers_rate(recording):
     path, count, progress = recording
 
@@ -42,7 +43,6 @@ def test_frames_come_at_the_trackers_rate(recording):
     assert dut.metadata["seed"] == "0"
 
 
-@pytest.mark.render
 def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
     dut = load_demonstration(recording[0])
 
@@ -61,7 +61,6 @@ def dut(recording):
     return load_demonstration(recording[0]).frames
 
 
-@pytest.mark.render
 def test_only_the_first_frame_is_labelled_and_no_robot_is_in_view(dut):
     assert set(dut[0].label_ids) == {"table", "rack", "mug", "mug/handle"}
     for image in dut[0].images:
@@ -69,7 +68,6 @@ def test_only_the_first_frame_is_labelled_and_no_robot_is_in_view(dut):
     assert dut[1].images[0].label is None
 
 
-@pytest.mark.render
 def test_the_mug_rests_then_moves_in_all_views(dut):
     for view in range(2):
         mug = np.isin(dut[0].images[view].label, dut[0].label_ids["mug"])
@@ -78,7 +76,6 @@ def test_the_mug_rests_then_moves_in_all_views(dut):
         assert np.abs(last - first).mean() > 10
 
 
-@pytest.mark.render
 def test_depth_has_the_sensors_noise(dut):
     depths = [frame.images[0].depth for frame in dut]
     still = np.all([depth > 0 for depth in depths], axis=0)
@@ -88,14 +85,12 @@ def test_depth_has_the_sensors_noise(dut):
     assert 0.0002 < np.median(spread) < 0.005
 
 
-@pytest.mark.render
 def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
     RecordDemonstration(ChooseScenario(data=SMALL), tmp_path / "again.mcap")
 
     assert (tmp_path / "again.mcap").read_bytes() == recording[0].read_bytes()
 
 
-@pytest.mark.render
 def test_keyframes_can_be_given(tmp_path):
     keyframes = """
   demonstration_motion:

@@ -3,9 +3,14 @@
 At a time t Drake first publishes the results of the step that ends at t. Then, in the step that
 begins at t, come unrestricted updates (the tracker), then discrete updates, all of which read what
 was before any of them wrote: so each stage of the loop is one control period behind the one before.
+
+Rendered images appear at their delay; the propagator then reports the object's motion at their
+capture; one control period later the tracker takes them, with that motion; its points come at the
+latency.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -13,12 +18,15 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context
 from short_skill import short_plan, short_scenario
 from station_state import GetObjectPose, SetObjectPose
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
+from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 from poil_drake.systems.capture_and_release import CaptureAndRelease
+from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.mcap_logger import McapLogger
@@ -26,8 +34,10 @@ from poil_drake.systems.panda.velocity_driver import PandaVelocityDriver
 from poil_drake.systems.skill.phases import Phase
 from poil_drake.systems.skill.sequencer import SkillSequencer
 from poil_drake.systems.skill.state_machine import SkillState
+from poil_drake.systems.tracking.ground_truth_tracker import GroundTruthTracker
+from poil_drake.systems.tracking.point_tracker import PointTracker
 
-CONTROL, TRACKER, LATENCY = 1 / 256, 1 / 8, 3 / 16
+CONTROL, TRACKER, DELAY, LATENCY = 1 / 256, 1 / 8, 3 / 32, 3 / 16
 MOVED = 0.5
 """When the object is moved [s], right before a capture: by `JUMP` [m], away from the reference."""
 JUMP = np.array([0.0, 0.02, 0.0])
@@ -45,17 +55,21 @@ class Event(NamedTuple):
     seen: dict[str, Any]
 
 
-WATCHED: dict[str, tuple[type, str, tuple[str, ...]]] = {
-    # Of the tracker, the only system of the loop that captures.
-    "capture": (CaptureAndRelease, "_capture", ()),
-    "release": (CaptureAndRelease, "_release", ()),
-    "propagate": (FkPropagator, "_update", ("tracked_points",)),
-    "ik": (DifferentialInverseKinematics, "_update", ("spatial_velocity",)),
-    "sequence": (SkillSequencer, "_update", ("mean_error",)),
-    "driver": (PandaVelocityDriver, "_step", ("velocity",)),
-    "log": (
-        McapLogger,
-        "_publish_rest",
+# System, handler: name of the event, and the input ports whose values are recorded.
+WATCHED: dict[tuple[type, str], tuple[str, tuple[str, ...]]] = {
+    (DelayedCameras, "_capture"): ("expose", ()),
+    (DelayedCameras, "_release"): ("show", ()),
+    (PartDetector, "_capture"): ("detect", ("left.image_time",)),
+    (PointTracker, "_capture"): ("capture", ("left.image_time",)),
+    (PointTracker, "_release"): ("release", ()),
+    (GroundTruthTracker, "_capture"): ("capture", ()),
+    (GroundTruthTracker, "_release"): ("release", ()),
+    (FkPropagator, "_update"): ("propagate", ("tracked_points", "image_time")),
+    (DifferentialInverseKinematics, "_update"): ("ik", ("spatial_velocity",)),
+    (SkillSequencer, "_update"): ("sequence", ("mean_error",)),
+    (PandaVelocityDriver, "_step"): ("driver", ("velocity",)),
+    (McapLogger, "_publish_rest"): (
+        "log",
         ("tracked_points", "points", "spatial_velocity", "panda.velocity"),
     ),
 }
@@ -71,27 +85,48 @@ class SilentLog:
 @pytest.fixture(scope="module")
 def events() -> list[Event]:
     """What happened in a loop that follows its field, whose object jumps at `MOVED`."""
-    recorded: list[Event] = []
-    with pytest.MonkeyPatch.context() as patch:
-        for name, (system, method, ports) in WATCHED.items():
-            patch.setattr(system, method, _record(recorded, name, getattr(system, method), ports))
-        loop = MakeClosedLoop(short_scenario(), short_plan(), log=SilentLog())
-        _simulate(loop)
+    with recording() as recorded:
+        _simulate(MakeClosedLoop(short_scenario(), short_plan(), log=SilentLog()))
     return recorded
 
 
-def _record(
-    recorded: list[Event], name: str, handler: Callable[..., None], ports: tuple[str, ...]
-) -> Callable[..., None]:
-    def record(self: LeafSystem, context: Context, *state: Any) -> None:
-        seen = {}
-        for port in ports:
-            value = self.GetInputPort(port).Eval(context)
-            seen[port] = value.copy() if isinstance(value, np.ndarray) else value
-        recorded.append(Event(context.get_time(), name, seen))
-        handler(self, context, *state)
+@pytest.fixture(scope="module")
+def rendered_events() -> list[Event]:
+    """What happened in the first half second of a loop with cameras."""
+    with recording() as recorded, MakeClosedLoop(ChooseScenario(), short_plan()) as loop:
+        Simulator(loop.diagram).AdvanceTo(0.5)
+    return recorded
 
-    return record
+
+@contextmanager
+def recording() -> Iterator[list[Event]]:
+    """Yields a list to which the events of `WATCHED` are appended."""
+    recorded: list[Event] = []
+
+    def watch(owner: type, method: str) -> None:
+        handler = getattr(owner, method)
+
+        def record(self: Any, context: Context, *state: Any) -> None:
+            system = self._system if owner is CaptureAndRelease else self
+            name, ports = WATCHED[type(system), method]
+            seen = {}
+            for port in map(system.GetInputPort, ports):
+                if port.HasValue(context):
+                    value = port.Eval(context)
+                    seen[port.get_name()] = value.copy() if isinstance(value, np.ndarray) else value
+            recorded.append(Event(context.get_time(), name, seen))
+            handler(self, context, *state)
+
+        patch.setattr(owner, method, record)
+
+    with pytest.MonkeyPatch.context() as patch:
+        captures = ("_capture", "_release")
+        for owner, method in {
+            (CaptureAndRelease if method in captures else system, method)
+            for system, method in WATCHED
+        }:
+            watch(owner, method)
+        yield recorded
 
 
 def _simulate(loop: ClosedLoop) -> None:
@@ -110,6 +145,10 @@ def _simulate(loop: ClosedLoop) -> None:
 
 def at(events: list[Event], time: float) -> list[Event]:
     return [event for event in events if event.time == time]
+
+
+def times_of(events: list[Event], name: str) -> list[float]:
+    return [event.time for event in events if event.name == name]
 
 
 def seen_by(events: list[Event], name: str, port: str) -> dict[float, Any]:
@@ -140,18 +179,51 @@ def test_an_instant_is_published_then_tracked_then_controlled(events: list[Event
 
 
 def test_captures_and_releases_take_turns_at_their_times(events: list[Event]) -> None:
-    captures = [event.time for event in events if event.name == "capture"]
-    releases = [event.time for event in events if event.name == "release"]
-
-    assert captures == [k * TRACKER for k in range(6)]
-    assert releases == [k * TRACKER + LATENCY for k in range(5)]
+    assert times_of(events, "capture") == [k * TRACKER for k in range(6)]
+    assert times_of(events, "release") == [k * TRACKER + LATENCY for k in range(5)]
 
 
-def test_the_propagator_sees_a_track_at_the_instant_of_its_release(events: list[Event]) -> None:
-    stamps = {t: track.stamp for t, track in seen_by(events, "propagate", "tracked_points").items()}
+@pytest.mark.render
+def test_images_and_their_tracks_are_released_at_their_times(rendered_events: list[Event]) -> None:
+    assert times_of(rendered_events, "expose") == [k * TRACKER for k in range(4)]
+    assert times_of(rendered_events, "show") == [k * TRACKER + DELAY for k in range(4)]
+    assert times_of(rendered_events, "release") == [k * TRACKER + LATENCY for k in range(3)]
 
-    assert stamps[RELEASED - CONTROL] == MOVED - TRACKER
-    assert stamps[RELEASED] == MOVED
+
+@pytest.mark.render
+@pytest.mark.parametrize("name", ["capture", "detect"])
+def test_tracker_and_detector_read_images_one_period_after_their_release(
+    rendered_events: list[Event], name: str
+) -> None:
+    assert seen_by(rendered_events, name, "left.image_time") == {
+        k * TRACKER + DELAY + CONTROL: k * TRACKER for k in range(4)
+    }
+
+
+@pytest.mark.render
+def test_the_propagator_knows_of_the_images_before_the_tracker(
+    rendered_events: list[Event],
+) -> None:
+    image_times = seen_by(rendered_events, "propagate", "image_time")
+
+    np.testing.assert_equal(image_times[DELAY - CONTROL], [np.nan])
+    assert image_times[DELAY] == 0.0
+    assert image_times[TRACKER + DELAY - CONTROL] == 0.0
+    assert image_times[TRACKER + DELAY] == TRACKER
+
+
+@pytest.mark.parametrize(
+    "loop", ["events", pytest.param("rendered_events", marks=pytest.mark.render)]
+)
+def test_the_propagator_sees_a_track_at_the_instant_of_its_release(
+    loop: str, request: pytest.FixtureRequest
+) -> None:
+    tracks = seen_by(request.getfixturevalue(loop), "propagate", "tracked_points")
+
+    stamps = {time: track.stamp for time, track in tracks.items()}
+    assert stamps[LATENCY - CONTROL] == -np.inf
+    assert stamps[LATENCY] == stamps[TRACKER + LATENCY - CONTROL] == 0.0
+    assert stamps[TRACKER + LATENCY] == TRACKER
 
 
 def test_the_capture_sees_the_object_as_it_is_at_that_instant(events: list[Event]) -> None:

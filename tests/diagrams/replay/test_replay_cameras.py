@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.replay.cameras import CameraNotes
+from poil_drake.diagrams.replay.replay import CameraNotes
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.mcap.message_decoders import Calibration

@@ -14,8 +14,7 @@ from short_skill import short_plan, short_scenario
 from poil_drake.diagrams.replay.contents import NotesOn
 from poil_drake.diagrams.replay.setup import RECORDED, SetUpReplay
 from poil_drake.diagrams.run.open_run_log import OpenRunLog
-from poil_drake.diagrams.scenario.dump import DumpScenario
-from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.perception.images import CameraModel
@@ -46,7 +45,11 @@ def test_a_log_contains_what_was_run(log: Path) -> None:
 
     assert dut.scenario.poil == short_scenario().poil
     assert dut.scenario.source.name == "HangMug"
-    assert dut.plan.object_label == "mug"
+    np.testing.assert_array_equal(dut.plan.target_points, short_plan().target_points)
+    metadata = dut.run.metadata
+    assert metadata["scenario"] == "HangMug"
+    assert metadata["scenario_file"].endswith("hang_mug.yaml")
+    assert {"poil_drake_version", "drake_version", "numpy_version"} <= metadata.keys()
     assert (dut.station, dut.tracker, dut.changed, dut.notes) == ("simulated", RECORDED, False, ())
 
 

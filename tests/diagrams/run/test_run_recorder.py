@@ -34,7 +34,7 @@ def simulator(loop: ClosedLoop) -> Simulator:
 @pytest.fixture
 def dut(loop: ClosedLoop) -> RunRecorder:
     assert isinstance(loop.station, SimulatedStation)
-    return RunRecorder(loop=loop, query_points=POINTS, truth=SimulatedTruth.of(loop.station))
+    return RunRecorder(loop=loop, query_points=POINTS, truth=SimulatedTruth(loop.station))
 
 
 def run(dut: RunRecorder, simulator: Simulator, *, until: float) -> Context:

@@ -8,7 +8,6 @@ import sys
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
 from pydrake.systems.analysis import Simulator
@@ -20,11 +19,9 @@ from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.recorder import RunRecorder
 from poil_drake.diagrams.run.skill_run import ExecutePlan, RunSkill
-from poil_drake.diagrams.scenario.dump import DumpScenario
-from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
+from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError
-from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.reports.run_summary import RunSummary
 from poil_drake.systems.disturbance_injector import Pulse
@@ -135,28 +132,6 @@ def test_a_fault_is_in_every_output(failed_run: tuple[RunSummary, OutputPaths]) 
     assert "/disturbances/status" not in log
 
 
-def test_the_log_contains_the_scenario_and_the_plan(
-    failed_run: tuple[RunSummary, OutputPaths], tmp_path: Path
-) -> None:
-    _, outputs = failed_run
-
-    with outputs.mcap.open("rb") as stream:
-        reader = make_reader(stream)
-        attachments = {attachment.name: attachment for attachment in reader.iter_attachments()}
-        (metadata,) = (record.metadata for record in reader.iter_metadata())
-    attachment = attachments["scenario.yaml"]
-    (tmp_path / attachment.name).write_bytes(attachment.data)
-    again = LoadScenario(filename=tmp_path / attachment.name)
-    assert again.poil == short_scenario().poil
-    assert (again.simulation_duration, again.poil.tracker) == (2.0, "ground_truth")
-    assert metadata["scenario"] == again.source.name == "HangMug"
-    assert metadata["scenario_file"].endswith("hang_mug.yaml")
-    assert metadata["station"] == "simulated"
-    plan = ExecutionPlan.from_bytes(attachments["plan.npz"].data, name="the log")
-    np.testing.assert_array_equal(plan.target_points, short_plan().target_points)
-    assert {"poil_drake_version", "drake_version", "numpy_version"} <= metadata.keys()
-
-
 def test_disturbances_are_logged_with_their_bodies(tmp_path: Path) -> None:
     pulse = Pulse(body="mug::body", start=0.125, duration=0.125, force=(0.0, 0.5, 0.0))
     with RunLogWriter(tmp_path / "run.mcap") as log:
@@ -188,16 +163,25 @@ def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(tmp_path: Path) -
     assert "spout" in figures["reason"]
 
 
-def test_a_job_that_cannot_start_leaves_its_figures(tmp_path: Path) -> None:
-    wrong = short_scenario("{poil: {detector: magic}}")
+@pytest.mark.parametrize(
+    ("text", "hardware", "says"),
+    [
+        ("{poil: {detector: magic}}", False, "magic"),
+        ("{}", True, "ground_truth' needs the simulator's poses, which hardware does not have"),
+    ],
+)
+def test_a_job_that_cannot_start_leaves_its_figures(
+    tmp_path: Path, text: str, hardware: bool, says: str
+) -> None:
+    wrong, outputs = short_scenario(text), OutputPaths.under(tmp_path)
 
-    with pytest.raises(PoilError, match="magic"):
-        RunSkill(wrong, outputs=OutputPaths.under(tmp_path), show=False)
+    with pytest.raises(PoilError, match=says):
+        RunSkill(wrong, outputs=outputs, hardware=hardware, show=False)
 
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
     figures = json.loads((tmp_path / "run.json").read_text())
     assert figures["success"] is False
-    assert "magic" in figures["reason"]
+    assert says in figures["reason"]
     assert figures["versions"]["drake"]
 
 

@@ -3,8 +3,12 @@ from pathlib import Path
 
 import pytest
 
-from poil_drake.diagrams.scenario.dump import DumpScenario
-from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario, default_scenario_file
+from poil_drake.diagrams.scenario.load import (
+    ChooseScenario,
+    DumpScenario,
+    LoadScenario,
+    default_scenario_file,
+)
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.capture.config import RealSense

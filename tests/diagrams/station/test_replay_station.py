@@ -1,6 +1,7 @@
 """A replayed station has the ports of the others, and outputs what the log contains."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,19 @@ from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.loop.closed_loop import MakeClosedLoop
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.diagrams.station.replay_station import ReplayStation
+from poil_drake.diagrams.station.replay_station import (
+    RecordedTimings,
+    RecordedTracks,
+    ReplayStation,
+)
+from poil_drake.errors import RunLogError
 from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.recording.run_log.reader import load_recorded_run
-from poil_drake.recording.run_log.recorded_run import RecordedRun, Series
+from poil_drake.recording.run_log.recorded_run import LoggedTrack, RecordedRun, Series
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.robots.panda import ARM_JOINTS
+from poil_drake.systems.statuses import TrackerStatus
 from poil_drake.systems.tracking.recorded_tracker import RecordedTracker
 
 PERIOD = 1 / 256
@@ -160,3 +168,94 @@ def test_measurements_appear_at_their_recorded_times(
     Simulator(builder.Build()).AdvanceTo(3 * PERIOD)
 
     np.testing.assert_array_equal(controller.seen, seen)
+
+
+def tracked_run(
+    *,
+    statuses: Sequence[tuple[float, float]] = ((0.25, 1.0), (0.5, 2.0)),
+    said: tuple[float, float] = (np.nan, np.nan),
+    early: float = 0.0,
+) -> RecordedRun:
+    times = [
+        # Time of logging, begun, released, released_of, status
+        (0.01, [0.0, np.nan, np.nan, 0.0]),
+        (0.13, [0.125, np.nan, np.nan, 0.0]),
+        (0.2, [0.125, 0.1875, 0.0, said[0]]),
+        (0.26, [0.25, 0.1875, 0.0, said[0]]),
+        (0.44, [0.25, 0.4375 - early, 0.25, said[1]]),
+    ]
+    tracks = [
+        LoggedTrack(0.2, TrackedPoints(np.eye(3), np.ones(3), 0.0)),
+        LoggedTrack(0.44, TrackedPoints.lost(3, 0.25)),
+    ]
+    return RecordedRun(
+        Path("run.mcap"),
+        (),
+        numbers={
+            "/tracker/times": Series.of(times, 4),
+            "/detector/times": Series.of([(0.1, [0.0625, 0.0625, 0.0625])], 3),
+            "/tracker/status": Series.of([(time, [status]) for time, status in statuses], 1),
+        },
+        tracks=tracks,
+    )
+
+
+def test_the_schedules_are_those_of_the_log() -> None:
+    tracker, detector = RecordedTimings(tracked_run(), period=1 / 256)
+
+    assert list(tracker.captured) == [0.0, 0.125, 0.25]
+    # What was captured at 0.125 s was never released.
+    assert list(tracker.released) == [(0.1875, 0.0), (0.4375, 0.25)]
+    assert list(detector.captured) == [0.0625]
+    assert list(detector.released) == [(0.0625, 0.0625)]
+
+
+def test_tracks_are_repeated_with_their_times_and_statuses() -> None:
+    tracks = RecordedTracks(tracked_run())
+
+    assert [(t.captured, t.released, t.status) for t in tracks] == [
+        (0.0, 0.1875, TrackerStatus.TRACKING),
+        (0.25, 0.4375, TrackerStatus.LOST),
+    ]
+
+
+def test_a_status_logged_with_the_track_takes_precedence() -> None:
+    run = tracked_run(said=(TrackerStatus.LOST, TrackerStatus.TRACKING))
+
+    tracks = RecordedTracks(run)
+
+    assert [t.status for t in tracks] == [TrackerStatus.LOST, TrackerStatus.TRACKING]
+
+
+def test_impossible_times_are_reported_with_their_topic() -> None:
+    with pytest.raises(RunLogError, match=r"run.mcap, topic /tracker/times: .* precedes its"):
+        RecordedTimings(tracked_run(early=0.2), period=1 / 256)
+
+
+@pytest.mark.parametrize(
+    "statuses", [(), ((0.25, np.nan), (0.5, np.nan)), ((0.25, 9.0), (0.5, -1.0))]
+)
+def test_unknown_statuses_follow_from_the_tracks(
+    statuses: Sequence[tuple[float, float]],
+) -> None:
+    tracks = RecordedTracks(tracked_run(statuses=statuses))
+
+    assert [t.status for t in tracks] == [TrackerStatus.TRACKING, TrackerStatus.LOST]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.875])
+@pytest.mark.parametrize("period", [1 / 256, 0.005])
+def test_captures_keep_their_offset_within_the_period(share: float, period: float) -> None:
+    begun = [(k + share) * period for k in (3, 36, 70, 103)]
+    run = tracked_run()
+    run.numbers["/tracker/times"] = Series.of([(t, [t, np.nan, np.nan, np.nan]) for t in begun], 4)
+
+    for timing in RecordedTimings(run, period=period):
+        assert timing.offset == share * period
+
+
+def test_without_captures_the_offset_is_zero() -> None:
+    run = tracked_run()
+    run.numbers |= {topic: Series.of([], 4) for topic in ("/tracker/times", "/detector/times")}
+
+    assert RecordedTimings(run, period=1 / 256)[0].offset == 0.0

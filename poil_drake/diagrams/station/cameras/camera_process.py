@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from poil_drake.diagrams.scenario.dump import DumpScenario
+from poil_drake.diagrams.scenario.load import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import StationError
 from poil_drake.perception.images import RgbdImage

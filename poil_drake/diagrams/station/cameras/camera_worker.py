@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from pydrake.lcm import DrakeLcmParams
 
-from poil_drake.diagrams.scenario.checks import NO_NETWORK
 from poil_drake.diagrams.scenario.load import LoadScenario
+from poil_drake.diagrams.scenario.scenario import NO_NETWORK
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.station import MakeStation
 from poil_drake.perception.images import RgbdImage

@@ -4,6 +4,7 @@ import copy
 import math
 import re
 from collections.abc import Mapping
+from contextlib import AbstractContextManager
 
 import numpy as np
 from pydrake.common.schema import Transform
@@ -11,15 +12,14 @@ from pydrake.lcm import DrakeLcm
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
-from poil_drake.diagrams.scenario.checks import DRAKE_ERRORS, NO_NETWORK, drake_reason
+from poil_drake.diagrams.scenario.models import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
-from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
-from poil_drake.systems.cameras.camera_ports import copied_image
+from poil_drake.perception.images import CameraModel
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
 _LARGEST_SIDE = 8192  # [px], more than any depth camera has: a typo would exhaust the memory
@@ -29,10 +29,8 @@ def AddCameras(
     *,
     builder: DiagramBuilder,
     plant: MultibodyPlant,
-    cameras: Mapping[str, CameraConfig],
+    scenario: Scenario,
     lcm_buses: LcmBuses,
-    noise: StereoDepthNoiseConfig,
-    seed: int,
 ) -> tuple[CameraModel, ...]:
     """Adds cameras with depth noise but without a delay, and exports their images.
 
@@ -43,10 +41,8 @@ def AddCameras(
     Args:
         builder: Receives the cameras; must already hold the plant.
         plant: The plant that the cameras see.
-        cameras: Name -> configuration.
+        scenario: Describes the cameras and the noise of their depth images.
         lcm_buses: The LCM networks to which Drake may publish the images.
-        noise: Noise of the depth images.
-        seed: Seed of the noise.
 
     Returns:
         The cameras' models.
@@ -55,8 +51,8 @@ def AddCameras(
         ScenarioError: if a camera's name differs from its key, a camera is mounted on a body that
             moves, or Drake does not accept a value of a configuration.
     """
-    models = MakeCameraModels(plant, cameras)
-    for index, (name, config) in enumerate(cameras.items()):
+    models = MakeCameraModels(plant, scenario.cameras)
+    for index, (name, config) in enumerate(scenario.cameras.items()):
         _apply(name, config, builder, lcm_buses)
         sensor = builder.GetSubsystemByName(f"rgbd_sensor_{name}")
         depth = builder.AddNamedSystem(
@@ -64,8 +60,8 @@ def AddCameras(
             DepthNoiseSystem(
                 width=config.width,
                 height=config.height,
-                config=noise,
-                seed=seed,
+                config=scenario.poil.depth_noise,
+                seed=scenario.random_seed,
                 camera_index=index,
             ),
         )
@@ -112,10 +108,8 @@ def MakeCameraModels(
     for name, config in cameras.items():
         _check_camera(name, config)
         X_WB = _require_at_rest(plant, name, config)
-        try:
+        with _camera_errors_explained(name):
             core = config.MakeCameras()[0].core()
-        except DRAKE_ERRORS as error:
-            raise _unusable(name, error) from error
         # Drake's camera frame is the optical frame.
         X_WC = X_WB @ core.sensor_pose_in_camera_body()
         info = core.intrinsics()
@@ -154,15 +148,13 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
         # Drake leaves out a camera that publishes nothing.
         config.rgb = True
         lcm = DrakeLcm(NO_NETWORK)
-    try:
+    with _camera_errors_explained(name):
         ApplyCameraConfig(config, builder, lcm_buses=lcm_buses, lcm=lcm)
-    except DRAKE_ERRORS as error:
-        raise _unusable(name, error) from error
 
 
-def _unusable(name: str, error: BaseException) -> ScenarioError:
-    return ScenarioError(
-        f"cameras.{name} cannot be used: {drake_reason(error)}.",
+def _camera_errors_explained(name: str) -> AbstractContextManager[None]:
+    return DrakeErrorsExplained(
+        f"cameras.{name} cannot be used",
         remedy=f"Correct cameras.{name}; see Drake's CameraConfig for the valid values.",
     )
 
@@ -194,7 +186,11 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
     """Returns X_WB, the pose of a camera's body, after checking that the body cannot move."""
     path = f"cameras.{name}.X_PB"
     base = config.X_PB.base_frame or "world"
-    try:
+    with DrakeErrorsExplained(
+        f"{path} cannot be used",
+        remedy="Use a deterministic pose. Leave base_frame out for the world, or name a frame "
+        "that is welded to the world.",
+    ):
         wrong = [
             key
             # X_BC and X_BD are the poses of the colour and the depth camera in the camera's body.
@@ -202,12 +198,6 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
             if not np.isfinite(getattr(config, key).GetDeterministicValue().GetAsMatrix4()).all()
         ]
         frame = GetScopedFrameByName(plant, base)
-    except DRAKE_ERRORS as error:
-        raise ScenarioError(
-            f"{path} cannot be used: {drake_reason(error)}.",
-            remedy="Use a deterministic pose. Leave base_frame out for the world, or name a frame "
-            "that is welded to the world.",
-        ) from error
     if wrong:
         raise ScenarioError(
             f"cameras.{name}.{', '.join(wrong)} is not finite.", remedy="Use finite numbers."
@@ -219,38 +209,3 @@ def _require_at_rest(plant: MultibodyPlant, name: str, config: CameraConfig) -> 
         )
     X_WP = frame.CalcPoseInWorld(plant.CreateDefaultContext())
     return X_WP @ config.X_PB.GetDeterministicValue()
-
-
-def ReadImage(*, diagram: Diagram, context: Context, name: str, labels: bool) -> RgbdImage:
-    """Renders one camera's current image, and returns a copy of it.
-
-    Args:
-        diagram: The diagram that exports the camera's ports.
-        context: The diagram's own context.
-        name: The camera's name.
-        labels: Whether to include the label image.
-    """
-
-    def pixels(kind: str) -> np.ndarray:
-        return diagram.GetOutputPort(f"{name}.{kind}_image").Eval(context).data
-
-    label = pixels("label") if labels else None
-    return copied_image(pixels("rgb"), pixels("depth"), label, stamp=context.get_time())
-
-
-def MakeFrame(
-    models: tuple[CameraModel, ...],
-    images: tuple[RgbdImage, ...],
-    label_ids: Mapping[str, tuple[int, ...]],
-) -> MultiViewFrame:
-    """Returns a frame of one image per camera.
-
-    Args:
-        models: The cameras' models.
-        images: The image of each camera.
-        label_ids: Render labels by name. The frame includes them if every image has labels.
-    """
-    labelled = all(image.label is not None for image in images)
-    return MultiViewFrame(
-        cameras=models, images=images, label_ids=dict(label_ids) if labelled else {}
-    )

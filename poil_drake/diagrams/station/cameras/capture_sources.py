@@ -1,6 +1,7 @@
 """The capture devices of the hardware station's cameras, and the networks they use."""
 
 from itertools import combinations
+from pathlib import Path
 
 from poil_drake.diagrams.scenario.hardware_config import (
     IMAGE_BUS_URL,
@@ -87,11 +88,11 @@ def SendsLabels(source: CameraSource) -> bool:
 
 
 def CheckHardwareCameras(scenario: Scenario) -> None:
-    """Checks that each source belongs to a camera, and that serial numbers tell devices apart.
+    """Checks the sources of the scenario's cameras, without opening a device.
 
     Raises:
-        ScenarioError: naming a camera that the scenario does not have, or two cameras of one kind
-            whose serial numbers are equal or missing.
+        ScenarioError: naming a camera that the scenario does not have, two cameras of one kind
+            whose serial numbers are equal or missing, or a recording that does not exist.
     """
     cameras = scenario.poil.hardware.cameras
     for kind in (RealSense, Zed):
@@ -105,7 +106,12 @@ def CheckHardwareCameras(scenario: Scenario) -> None:
                 "cannot be told apart.",
                 remedy="Set the serial of each to the number printed on the camera.",
             )
-    for name in cameras:
+    for name, source in cameras.items():
+        if isinstance(source, McapPlayback) and not Path(source.file).is_file():
+            raise ScenarioError(
+                f"poil.hardware.cameras.{name} plays '{source.file}', which does not exist.",
+                remedy="Set its file to an existing recording (.mcap).",
+            )
         if name not in scenario.cameras:
             raise ScenarioError(
                 f"poil.hardware.cameras names '{name}', which is not among the cameras.",

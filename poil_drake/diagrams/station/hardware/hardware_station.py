@@ -8,7 +8,6 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from poil_drake.diagrams.scenario.fit import CheckScenarioFits
 from poil_drake.diagrams.scenario.hardware_config import ROBOT_BUS_URL, LcmImages
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
@@ -18,23 +17,20 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
     MakeCaptureDevice,
     SendsLabels,
 )
-from poil_drake.diagrams.station.exports import ExportOutputs
-from poil_drake.diagrams.station.hardware.hardware_schedule import IMAGES_SHARE
 from poil_drake.diagrams.station.hardware.hardware_view import AddHardwareView
-from poil_drake.diagrams.station.hardware.mailbox_problems import MailboxProblems
-from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
-from poil_drake.diagrams.station.station_base import Station
+from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware, MailboxProblems
+from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant, PrefinalizeCallback
 from poil_drake.errors import StationError
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
-from poil_drake.robots.panda_kinematics import PandaModel
-from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
-from poil_drake.systems.lcm.mailbox import Stamped
 from poil_drake.systems.lcm.network import Clock, LcmNetwork
 from poil_drake.systems.statuses import RobotMode
+
+_IMAGES_SHARE = 7 / 8
+"""Fraction of the control period after which images are captured: after `COMMAND_SHARE`."""
 
 _REOPEN = 3.0
 """Time from a camera's failure to the next attempt to open it [s of robot time]. It is long
@@ -111,33 +107,21 @@ class HardwareStation(Station):
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
         CheckHardwareCameras(scenario)
-        CheckScenarioFits(self._plant, self._scene_graph.model_inspector(), scenario)
         self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
         self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
         # Images are captured in every other period, and the log is written in the periods between.
         self.tracker_timing = self.detector_timing = Worker(
-            period=2.0 * period, offset=IMAGES_SHARE * period, poll_period=period
+            period=2.0 * period, offset=_IMAGES_SHARE * period, poll_period=period
         )
         self._robot = AddPandaHardware(
             builder=builder,
             lcm=self._lcm,
-            name=scenario.poil.robot,
-            period=period,
-            channels=self._config.channels,
+            scenario=scenario,
             dry_run=dry_run,
-            limiter=VelocityLimiter(
-                limits=PandaModel().joint_limits,
-                period=period,
-                config=scenario.poil.safety.limiter,
-            ),
-            expiry=self._config.command_expiry,
-            stall_limit=scenario.poil.safety.stall_limit,
             clock=self._clock,
-            time_scale=self._config.time_scale,
         )
         self._threads: dict[str, CaptureThread] = {}
-        self._labelled: dict[str, bool] = {}
         self.camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
         if self.camera_models:
             self._add_cameras(builder, period)
@@ -154,6 +138,7 @@ class HardwareStation(Station):
 
     def _add_cameras(self, builder: DiagramBuilder, period: float) -> None:
         reopen_period = _REOPEN / self._config.time_scale
+        labels = []
         for model in self.camera_models:
             source = self._config.cameras.get(model.name, LcmImages())
             size = (model.height, model.width)
@@ -161,13 +146,13 @@ class HardwareStation(Station):
             self._threads[model.name] = CaptureThread(
                 device, name=model.name, size=size, reopen_period=reopen_period
             )
-            self._labelled[model.name] = SendsLabels(source)
+            labels.append(SendsLabels(source))
         system = builder.AddNamedSystem(
             "cameras",
             CapturedCameras(
                 cameras=self.camera_models,
                 sources=list(self._threads.values()),
-                labels=list(self._labelled.values()),
+                labels=labels,
                 period=period,
                 clock=self._clock,
             ),
@@ -189,7 +174,8 @@ class HardwareStation(Station):
                 image = self._threads[name].newest
                 if image is None or image.stamp < start:
                     continue
-                if not labels or not self._labelled[name] or image.label is not None:
+                sends_labels = self.HasOutputPort(f"{name}.label_image")
+                if not labels or not sends_labels or image.label is not None:
                     found[name] = image
         return tuple(found[name] for name in self.camera_names)
 
@@ -245,21 +231,17 @@ class HardwareStation(Station):
         self.HandleMessages()
         drivers = time - self._config.command_expiry
         channels = self._config.channels
-        newest: list[tuple[str, Stamped | None, float]] = [
-            (f"the robot's status on {channels.status}", self._robot.arm.newest, drivers),
-            (f"the hand's status on {channels.hand_status}", self._robot.hand.newest, drivers),
-        ]
-        newest += [
-            (f"an image of the camera '{name}'", thread.newest, time)
-            for name, thread in self._threads.items()
-        ]
-        missing = [what for what, found, since in newest if found is None or found.stamp < since]
+        statuses = (
+            (f"the robot's status on {channels.status}", self._robot.arm.newest),
+            (f"the hand's status on {channels.hand_status}", self._robot.hand.newest),
+        )
+        missing = [what for what, found in statuses if found is None or found.stamp < drivers]
         now = self._clock()
-        missing += [
-            f"an image of the camera '{name}' that is not stamped in the future"
-            for name, thread in self._threads.items()
-            if thread.newest is not None and thread.newest.stamp > now + _AHEAD
-        ]
+        for name, thread in self._threads.items():
+            if thread.newest is None or thread.newest.stamp < time:
+                missing.append(f"an image of the camera '{name}'")
+            elif thread.newest.stamp > now + _AHEAD:
+                missing.append(f"an image of the camera '{name}' that is not stamped in the future")
         status = self._robot.arm.newest
         if status is not None and status.mode is not RobotMode.MOVE:
             missing.append(f"a robot in its moving mode (it is in '{status.mode.name.lower()}')")
@@ -291,12 +273,10 @@ class HardwareStation(Station):
             *MailboxProblems(self._robot.arm, channels.status, expiry),
             *MailboxProblems(self._robot.hand, channels.hand_status, expiry),
         ]
-        cameras = self._threads.items()
-        found += [
-            f"camera '{name}': {thread.problem}" for name, thread in cameras if thread.problem
-        ]
         now, oldest = self._clock(), self.scenario.poil.safety.image_age_limit
-        for name, thread in cameras:
+        for name, thread in self._threads.items():
+            if thread.problem:
+                found.append(f"camera '{name}': {thread.problem}")
             age = 0.0 if thread.newest is None else now - thread.newest.stamp
             if age > oldest:
                 found.append(f"camera '{name}': no new image for {age:.1f} s")

@@ -2,18 +2,19 @@
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.diagrams.station.exports import COMMANDS, MEASUREMENTS, ExportPorts
-from poil_drake.diagrams.station.hardware.hardware_schedule import COMMAND_SHARE
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station_base import COMMANDS, MEASUREMENTS, ExportPorts
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.velocity_limiter import VelocityLimiter
 from poil_drake.systems.lcm.mailbox import LcmMailbox
 from poil_drake.systems.lcm.network import Clock, LcmPump, MessageNetwork
 from poil_drake.systems.lcm.panda_messages import (
     HAND_PERIOD,
     HandOpening,
-    PandaChannels,
     PandaStatus,
     decode_hand_status,
     decode_panda_status,
@@ -22,6 +23,17 @@ from poil_drake.systems.lcm.panda_messages import (
 from poil_drake.systems.lcm.panda_receivers import FrankaStatusReceiver, HandStatusReceiver
 from poil_drake.systems.lcm.panda_senders import FrankaCommandSender, HandCommandSender
 from poil_drake.systems.panda.kinematic_robot import KinematicRobot
+
+COMMAND_SHARE = 3 / 4
+"""Fraction of the control period after which the command goes out.
+
+When a period begins, messages are handled and the command is computed; this nearly always ends
+before the command is due. `RealTimeLoop` waits until then. Afterwards, images are captured and
+signals are logged.
+"""
+
+_DAYS = 1e6
+"""Clocks that differ by more than this [s] have different time scales."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,15 +57,9 @@ def AddPandaHardware(
     *,
     builder: DiagramBuilder,
     lcm: MessageNetwork,
-    name: str,
-    period: float,
-    limiter: VelocityLimiter,
-    channels: PandaChannels | None = None,
-    dry_run: bool = False,
-    expiry: float = 0.1,
-    stall_limit: float = 0.08,
-    clock: Clock = time.time,
-    time_scale: float = 1.0,
+    scenario: Scenario,
+    dry_run: bool,
+    clock: Clock,
 ) -> PandaHardware:
     """Adds the systems that talk to the Franka drivers, and exports the ports of an arm and a hand.
 
@@ -64,19 +70,14 @@ def AddPandaHardware(
 
     Args:
         builder: Receives the systems.
-        lcm: The network. The diagram handles its subscriptions once per period.
-        name: The robot's name.
-        period: The control period [s].
-        limiter: Computes how the arm brakes; must have the same period.
-        channels: Names of the LCM channels; None for those of the Franka driver.
+        lcm: The network. The diagram handles its subscriptions once per control period.
+        scenario: Names the robot, and sets the control period, the limits and the connection.
         dry_run: Whether to send nothing. Commands then move a `KinematicRobot`, which starts at the
             real robot's posture, and the ports export that robot's measurements.
-        expiry: How long the driver follows a command [s].
-        stall_limit: Time since the last update, by `clock` [s], after which no command is sent.
-        clock: Returns the current time [s since the epoch].
-        time_scale: Seconds by `clock` per second of real time.
+        clock: Returns the current time [s since the epoch], `time_scale` as fast as real time.
     """
-    channels = channels or PandaChannels()
+    poil, hardware = scenario.poil, scenario.poil.hardware
+    name, period, channels = poil.robot, poil.rates.control, hardware.channels
     arm = LcmMailbox(lcm, channels.status, decode_panda_status, same_sender=same_panda, clock=clock)
     hand = LcmMailbox(lcm, channels.hand_status, decode_hand_status, clock=clock)
     pump = builder.AddNamedSystem("lcm", LcmPump(network=lcm, period=period))
@@ -87,11 +88,19 @@ def AddPandaHardware(
         "hand_status", HandStatusReceiver(mailbox=hand, period=period, clock=clock)
     )
     if dry_run:
-        _add_kinematic_robot(builder, name, period, receiver, hand_receiver)
+        robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
+        position = receiver.GetOutputPort("position_measured")
+        width = hand_receiver.GetOutputPort("width_measured")
+        builder.Connect(position, robot.GetInputPort("real_position"))
+        builder.Connect(width, robot.GetInputPort("real_width"))
+        ExportPorts(builder, robot, [*COMMANDS, *MEASUREMENTS], name)
+        ExportPorts(builder, receiver, ["status"], name)
+        ExportPorts(builder, robot, ["width", "width_measured"], "hand")
         return PandaHardware(arm=arm, hand=hand, sender=None, hand_sender=None)
 
     def outdated() -> bool:
-        return time_scale * (time.monotonic() - pump.handled_at) > stall_limit
+        age = hardware.time_scale * (time.monotonic() - pump.handled_at)
+        return age > poil.safety.stall_limit
 
     # After the update: nothing may be sent while a simulator is being initialized.
     offset = COMMAND_SHARE * period
@@ -101,13 +110,15 @@ def AddPandaHardware(
             lcm=lcm,
             channel=channels.command,
             mailbox=arm,
-            limiter=limiter,
+            limiter=VelocityLimiter(
+                limits=PandaModel().joint_limits, period=period, config=poil.safety.limiter
+            ),
             period=period,
             offset=offset,
-            expiry=expiry,
+            expiry=hardware.command_expiry,
             outdated=outdated,
             clock=clock,
-            time_scale=time_scale,
+            time_scale=hardware.time_scale,
         ),
     )
     hand_sender = builder.AddNamedSystem(
@@ -129,18 +140,28 @@ def AddPandaHardware(
     return PandaHardware(arm=arm, hand=hand, sender=sender, hand_sender=hand_sender)
 
 
-def _add_kinematic_robot(
-    builder: DiagramBuilder,
-    name: str,
-    period: float,
-    receiver: FrankaStatusReceiver,
-    hand_receiver: HandStatusReceiver,
-) -> None:
-    robot = builder.AddNamedSystem("kinematic_robot", KinematicRobot(period=period))
-    position = receiver.GetOutputPort("position_measured")
-    width = hand_receiver.GetOutputPort("width_measured")
-    builder.Connect(position, robot.GetInputPort("real_position"))
-    builder.Connect(width, robot.GetInputPort("real_width"))
-    ExportPorts(builder, robot, [*COMMANDS, *MEASUREMENTS], name)
-    ExportPorts(builder, receiver, ["status"], name)
-    ExportPorts(builder, robot, ["width", "width_measured"], "hand")
+def MailboxProblems(mailbox: LcmMailbox[Any], channel: str, tolerance: float) -> list[str]:
+    """Returns the problems with the messages of a channel, one clause each.
+
+    Args:
+        mailbox: Receives the channel's messages.
+        channel: The channel's name.
+        tolerance: Largest allowed difference of the sender's clock from the mailbox's [s].
+    """
+    found = []
+    if mailbox.malformed:
+        found.append(f"{mailbox.malformed} messages on {channel} could not be read")
+    if mailbox.late:
+        found.append(f"{mailbox.late} messages on {channel} arrived late or twice")
+    if abs(mailbox.offset) > _DAYS:
+        found.append(
+            f"the messages on {channel} are stamped by a different clock: do their sender and this "
+            "program have the same --time-scale?"
+        )
+    elif abs(mailbox.offset) > tolerance:
+        side = "before" if mailbox.offset > 0.0 else "after"
+        found.append(
+            f"the last message on {channel} was stamped {abs(mailbox.offset):.2f} s {side} it "
+            "arrived: are the clocks synchronized?"
+        )
+    return found

@@ -97,6 +97,7 @@ SAME_DEVICE = "'left' .*'right' .*cannot be told"
         ("left: !Zed {}, right: !Zed {serial: 7}", SAME_DEVICE),
         ("left: !Zed {serial: 7}, right: !Zed {serial: 7}", SAME_DEVICE),
         ("top: !LcmImages {}", "names 'top'"),
+        ("left: !McapPlayback {file: no.mcap}", "left plays '.*no.mcap'"),
     ],
 )
 def test_unsuitable_cameras_are_refused(text: str, says: str) -> None:

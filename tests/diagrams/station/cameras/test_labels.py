@@ -1,10 +1,11 @@
 import pytest
-from pydrake.geometry import PerceptionProperties
+from pydrake.geometry import PerceptionProperties, Role
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.diagrams.station.cameras.labels import AssignLabels, drawn_geometries
+from poil_drake.diagrams.scenario.models import ModelGeometries
+from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
 
 URDF = """<robot name="pan">
@@ -33,8 +34,7 @@ class Scene:
     def properties(self, model: str) -> dict[str, PerceptionProperties]:
         """Returns what cameras see of a model, by the names of its geometries."""
         inspector = self.scene_graph.model_inspector()
-        instance = self.plant.GetModelInstanceByName(model)
-        found = drawn_geometries(self.plant, self.scene_graph, instance)
+        found = ModelGeometries(self.plant, inspector, model, Role.kPerception)
         return {g.name: inspector.GetPerceptionProperties(g.id) for g in found}
 
     def labels(self, model: str) -> dict[str, int]:

@@ -1,7 +1,6 @@
 """The cameras of the hardware station, without a robot and without their threads."""
 
 import time
-from collections.abc import Callable
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,7 +15,7 @@ from poil_drake.perception.images import RgbdImage
 _NETWORKS = "lcm_buses: {robot: {lcm_url: 'memq://'}, images: {lcm_url: 'memq://'}}"
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, SimpleNamespace]:
     """Fake capture threads by camera, whose attributes the tests set."""
     made: dict[str, SimpleNamespace] = {}
@@ -28,13 +27,9 @@ def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, SimpleNamespace]:
     return made
 
 
-@pytest.fixture
-def make_station(threads: dict[str, SimpleNamespace]) -> Callable[[str], Station]:
-    def make(cameras: str) -> Station:
-        text = f"{{{_NETWORKS}, poil: {{hardware: {{cameras: {{{cameras}}}}}}}}}"
-        return MakeStation(ChooseScenario(data=text), hardware=True)
-
-    return make
+def make_station(cameras: str = "") -> Station:
+    text = f"{{{_NETWORKS}, poil: {{hardware: {{cameras: {{{cameras}}}}}}}}}"
+    return MakeStation(ChooseScenario(data=text), hardware=True)
 
 
 def image(age: float) -> RgbdImage:
@@ -43,9 +38,9 @@ def image(age: float) -> RgbdImage:
 
 
 def test_a_stopped_camera_is_reported_with_its_age_and_cause(
-    make_station: Callable[[str], Station], threads: dict[str, SimpleNamespace]
+    threads: dict[str, SimpleNamespace],
 ) -> None:
-    dut = make_station("")
+    dut = make_station()
     limit = dut.scenario.poil.safety.image_age_limit
     threads["left"].newest, threads["left"].problem = image(limit + 100.0), "It is unplugged"
     threads["right"].newest = image(0.0)
@@ -56,16 +51,12 @@ def test_a_stopped_camera_is_reported_with_its_age_and_cause(
     )
 
 
-def test_a_camera_without_any_image_yet_is_no_problem(
-    make_station: Callable[[str], Station],
-) -> None:
-    assert make_station("").Problems() == ()
+def test_a_camera_without_any_image_yet_is_no_problem() -> None:
+    assert make_station().Problems() == ()
 
 
-def test_a_camera_whose_clock_is_ahead_is_named(
-    make_station: Callable[[str], Station], threads: dict[str, SimpleNamespace]
-) -> None:
-    dut = make_station("")
+def test_a_camera_whose_clock_is_ahead_is_named(threads: dict[str, SimpleNamespace]) -> None:
+    dut = make_station()
     threads["right"].newest = image(-100.0)
 
     (problem,) = dut.Problems()
@@ -74,10 +65,8 @@ def test_a_camera_whose_clock_is_ahead_is_named(
     assert problem.endswith("s in the future: are the clocks synchronized?")
 
 
-def test_a_recording_with_labels_is_accepted(
-    make_station: Callable[[str], Station],
-) -> None:
-    dut = make_station("left: !McapPlayback {file: a.mcap}, right: !LcmImages {}")
+def test_a_recording_with_labels_is_accepted() -> None:
+    dut = make_station(f"left: !McapPlayback {{file: {__file__}}}, right: !LcmImages {{}}")
 
     RequireLabels(dut)
 
@@ -88,13 +77,11 @@ def test_a_recording_with_labels_is_accepted(
     "source",
     [
         "!LcmImages {labels: false}",
-        "!McapPlayback {file: a.mcap, labels: false}",
+        f"!McapPlayback {{file: {__file__}, labels: false}}",
         "!OpenCvStreams {rgb: '0', depth: '1'}",
     ],
 )
-def test_a_camera_without_labels_is_refused(
-    make_station: Callable[[str], Station], source: str
-) -> None:
+def test_a_camera_without_labels_is_refused(source: str) -> None:
     dut = make_station(f"right: {source}")
 
     with pytest.raises(ScenarioError, match=r"camera 'right' does not provide.*!LcmImages.*!Mcap"):

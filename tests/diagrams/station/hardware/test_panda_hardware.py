@@ -1,5 +1,6 @@
-"""The hardware's end of the network against the simulated robot's, in one process, on one clock."""
+"""Both ends of the robot's network: the hardware's and the simulated robot's, on one clock."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,13 +10,15 @@ from network_bench import NetworkBench
 from pydrake.systems.framework import DiagramBuilder
 from system_bench import SystemBench
 
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.driver_station import MakeDriverStation
 from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station import MakeStation
-from poil_drake.robots.panda_kinematics import PandaModel
-from poil_drake.robots.velocity_limiter import VelocityLimiter
-from poil_drake.systems.safety.faults import SafetyConfig
+from poil_drake.errors import StationError
+from poil_drake.systems.lcm import simulated_driver
+from poil_drake.systems.lcm.mailbox import LcmMailbox
+from poil_drake.systems.lcm.panda_messages import decode_panda_status, encode_panda_command
 from poil_drake.systems.statuses import RobotMode
 
 PERIOD = 1 / 256
@@ -31,13 +34,7 @@ class HardwareBench(SystemBench):
         self.hardware = AddPandaHardware(
             builder=builder,
             lcm=self.robot.lcm,
-            name="panda",
-            period=PERIOD,
-            limiter=VelocityLimiter(
-                limits=PandaModel().joint_limits,
-                period=PERIOD,
-                config=SafetyConfig().limiter,
-            ),
+            scenario=scenario,
             dry_run=dry_run,
             clock=self.robot.now,
         )
@@ -47,6 +44,12 @@ class HardwareBench(SystemBench):
         for _ in range(round(duration / PERIOD)):
             self.robot.advance(PERIOD)
             super().advance(PERIOD)
+
+
+@pytest.fixture
+def scenario() -> Scenario:
+    """The package's scenario, without cameras."""
+    return dataclasses.replace(ChooseScenario(), cameras={})
 
 
 @pytest.fixture
@@ -135,3 +138,38 @@ def test_in_a_dry_run_the_motion_is_shown_and_nothing_is_sent(scenario: Scenario
     assert sent == [[], []]
     assert bench.hardware.sender is None
     np.testing.assert_allclose(bench.hardware.arm.newest.position, before, atol=1e-5)
+
+
+class ClientBench(NetworkBench):
+    """The simulated robot and a client that commands the arm 256 times a second."""
+
+    def __init__(self, scenario: Scenario):
+        super().__init__(lambda **network: MakeDriverStation(scenario, **network).diagram)
+        self.arm = LcmMailbox(self.lcm, "PANDA_STATUS", decode_panda_status)
+
+    def drive(self, duration: float, velocity: np.ndarray) -> None:
+        for _ in range(round(duration / PERIOD)):
+            self.publish("PANDA_COMMAND", encode_panda_command(velocity, self.now()))
+            self.advance(PERIOD)
+
+
+def test_arm_rests_when_commands_stop(scenario: Scenario) -> None:
+    bench = ClientBench(scenario)
+    bench.drive(0.3, WANTED)
+
+    bench.advance(0.1 + 0.15)
+
+    assert np.abs(bench.arm.newest.velocity).max() < 0.01
+    stopped = bench.arm.newest.position
+    bench.advance(0.2)
+    np.testing.assert_allclose(bench.arm.newest.position, stopped, atol=1e-3)
+
+
+def test_driver_ends_where_the_arm_runs_into_the_table(
+    scenario: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(simulated_driver, "_TORQUE_LIMIT", 20.0)
+    bench = ClientBench(scenario)
+
+    with pytest.raises(StationError, match="reflex"):
+        bench.drive(4.0, np.array([0.0, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0]))
