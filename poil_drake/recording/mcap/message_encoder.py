@@ -126,8 +126,9 @@ class MessageEncoder:
         """
         if self._exact_depth:
             return self._raw_image(depth.astype("<f4"), "32FC1", stamp, frame_id)
-        millimetres = np.rint(np.nan_to_num(depth, posinf=0.0, neginf=0.0) * MILLIMETRES_PER_METRE)
-        millimetres[(millimetres < 0.0) | (millimetres > np.iinfo(np.uint16).max)] = 0.0
+        millimetres = np.rint(depth * MILLIMETRES_PER_METRE)
+        valid = (millimetres >= 0.0) & (millimetres <= np.iinfo(np.uint16).max)
+        millimetres[~valid] = 0.0
         return self._raw_image(millimetres.astype("<u2"), "16UC1", stamp, frame_id)
 
     def label(self, label: np.ndarray, *, stamp: int, frame_id: str) -> EncodedMessage:

@@ -58,7 +58,9 @@ _ITERATIONS = (
 )
 _FLOW_ITERATIONS = 2  # number of first iterations, in which patches are searched for
 
-_SETTLED = (float(np.radians(0.05)), 1e-4)  # smaller steps end the alignment [rad, m]
+_SETTLED = (float(np.radians(0.25)), 3e-4)
+"""Smaller steps end the alignment [rad, m]: each step is about half as long as the one before, so
+that less than the views' noise remains."""
 
 _FREEDOM = 4.0
 """Degrees of freedom of the prediction's error, which has a Student-t distribution. With fewer,
