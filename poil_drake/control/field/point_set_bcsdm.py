@@ -174,18 +174,18 @@ def point_set_bcsdm(
         # Points of weight zero are ignored, but must be finite.
         points = np.where(observed[..., None], points, 0.0)
         weights = np.where(observed, weights, 0.0)
-    return _field(points, weights, reference, config, previous_tau)
+    return _field(points, weights, observed, reference, config, previous_tau)
 
 
 def _field(
     points: np.ndarray,
     weights: np.ndarray,
+    observed: np.ndarray,
     reference: PointTrajectory,
     config: BcsdmConfig,
     previous_tau: np.ndarray | float | None,
 ) -> BcsdmOutput:
-    """Returns the field of finite points; those of weight zero are ignored."""
-    observed = weights > 0.0
+    """Returns the field of finite points; only those `observed` have a weight above zero."""
     shares = _shares(weights)
     sample = closest_configuration(
         points,
@@ -207,7 +207,7 @@ def _field(
             inliers = _inliers(above, observed, find, points, target, shares)
             if (inliers < observed).any():
                 # Outliers do not count for the closest configuration either.
-                return _field(points, weights * inliers, reference, config, previous_tau)
+                return _field(points, weights * inliers, inliers, reference, config, previous_tau)
     errors = target - points
     velocities = velocities + config.eta * errors
     fit = fit_twist(points, velocities, shares, config.min_rotation_spread)

@@ -111,9 +111,10 @@ class HardwareStation(Station):
         self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
         # Images are captured in every other period, and the log is written in the periods between.
-        self.tracker_timing = self.detector_timing = Worker(
-            period=2.0 * period, offset=_IMAGES_SHARE * period, poll_period=period
-        )
+        offset = _IMAGES_SHARE * period
+        self.tracker_timing = Worker(period=2.0 * period, offset=offset, poll_period=period)
+        # A search takes far longer than these periods.
+        self.detector_timing = Worker(period=8.0 * period, offset=offset, poll_period=8.0 * period)
         self._robot = AddPandaHardware(
             builder=builder,
             lcm=self._lcm,
