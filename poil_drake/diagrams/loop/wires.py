@@ -125,7 +125,7 @@ def ConnectByName(builder: DiagramBuilder, parts: Mapping[str, Any]) -> None:
             wires.append((f"station.{time}", f"supervisor.{time}"))
         if "logger" in parts:
             wires.append((f"station.{time}", f"logger.cameras.{time}"))
-        for image in ("rgb_image", "depth_image", "label_image", "image_time"):
+        for image in ("rgb_image", "depth_image", "rgbd_image", "label_image", "image_time"):
             port = f"{camera}.{image}"
             for part in ("tracker", "detector"):
                 if part in parts and parts[part].HasInputPort(port) and station.HasOutputPort(port):

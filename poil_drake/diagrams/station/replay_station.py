@@ -69,6 +69,7 @@ class ReplayStation(Station):
         - hand.width_measured
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.label_image
         - <camera>.image_time
 

@@ -55,6 +55,7 @@ class SimulatedStation(Station):
         - hand.width_measured
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.label_image
         - <camera>.image_time
         - body_poses
@@ -198,7 +199,7 @@ class SimulatedStation(Station):
         def pixels(kind: str) -> np.ndarray:
             return self.GetOutputPort(f"{name}.{kind}_image").Eval(context).data
 
-        label = pixels("label") if labels else None
+        label = pixels("label")[:, :, 0] if labels else None
         return copied_image(pixels("rgb"), pixels("depth"), label, stamp=context.get_time())
 
     def Start(self) -> None:

@@ -11,14 +11,17 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from poil_drake.errors import StationError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.systems.absent import ABSENT
 
 
 class CameraPorts:
     """Declares image ports on a system and reads frames from them.
 
     For each camera the system gets the ports `<name>.rgb_image` (ImageRgba8U) and
-    `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), which must be connected, and
-    the optional port `<name>.image_time` (1,) [s]. If `image_time` is not connected, images are
+    `<name>.depth_image` (ImageDepth32F, [m] along the optical axis), and the optional port
+    `<name>.image_time` (1,) [s]. Instead of the two images, the port `<name>.rgbd_image` may be
+    connected, which holds an `RgbdImage`, or any other value while there is none. This spares the
+    conversion of each image to Drake's types and back. If `image_time` is not connected, images are
     stamped with the time of evaluation. `label_ids` adds the optional port `<name>.label_image`
     (ImageLabel16I).
 
@@ -47,6 +50,7 @@ class CameraPorts:
         for camera in self._cameras:
             system.DeclareAbstractInputPort(f"{camera.name}.rgb_image", Value(ImageRgba8U()))
             system.DeclareAbstractInputPort(f"{camera.name}.depth_image", Value(ImageDepth32F()))
+            system.DeclareAbstractInputPort(f"{camera.name}.rgbd_image", Value(ABSENT))
             system.DeclareVectorInputPort(f"{camera.name}.image_time", 1)
             if self._with_labels:
                 system.DeclareAbstractInputPort(
@@ -93,6 +97,17 @@ class CameraPorts:
         )
 
     def _image(self, context: Context, camera: str) -> RgbdImage | None:
+        time = self._system.GetInputPort(f"{camera}.image_time")
+        stamp = float(time.Eval(context)[0]) if time.HasValue(context) else context.get_time()
+        label = self._pixels(context, f"{camera}.label_image") if self._with_labels else None
+        if label is not None:
+            label = label[:, :, 0] if label.size else None  # Some images have no labels.
+        whole = self._system.GetInputPort(f"{camera}.rgbd_image")
+        if whole.HasValue(context):
+            image = whole.Eval(context)
+            if not isinstance(image, RgbdImage):
+                return None
+            return RgbdImage(image.rgb, image.depth, stamp, label)
         rgba = self._pixels(context, f"{camera}.rgb_image")
         depth = self._pixels(context, f"{camera}.depth_image")
         if rgba is None or depth is None:
@@ -103,12 +118,7 @@ class CameraPorts:
             )
         if rgba.size == 0 or depth.size == 0:
             return None
-        label = self._pixels(context, f"{camera}.label_image") if self._with_labels else None
-        if label is not None and label.size == 0:  # This image has no labels.
-            label = None
-        time = self._system.GetInputPort(f"{camera}.image_time")
-        stamp = time.Eval(context)[0] if time.HasValue(context) else context.get_time()
-        return copied_image(rgba, depth, label, stamp=float(stamp))
+        return copied_image(rgba, depth, label, stamp=stamp)
 
     def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
         """Returns the array (H, W, channels) of the image at a port; None if not connected."""
@@ -121,7 +131,7 @@ def copied_image(
 ) -> RgbdImage:
     """Returns an image, captured at `stamp` [s], that copies Drake's arrays (H, W, channels).
 
-    Non-finite depth becomes 0.
+    The labels are (H, W). Non-finite depth becomes 0.
     """
     rgb, metres = cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), depth[:, :, 0].copy()
     metres[~np.isfinite(metres)] = 0.0  # In a quarter of the time of `np.nan_to_num`.
@@ -130,7 +140,7 @@ def copied_image(
         rgb=rgb,
         depth=metres,
         stamp=stamp,
-        label=None if label is None else label[:, :, 0],
+        label=label,
     )
 
 
@@ -143,9 +153,9 @@ def DeclareCameraOutputs(
     labels: bool | Callable[[Context], np.ndarray | None],
     prerequisites: set[Any],
 ) -> None:
-    """Declares `<camera>.rgb_image`, `.depth_image`, `.label_image` and `.image_time`.
+    """Declares `<camera>.rgb_image`, `.depth_image`, `.rgbd_image`, `.label_image`, `.image_time`.
 
-    An image port holds an empty image while there is nothing to show.
+    While there is nothing to show, `rgbd_image` is `ABSENT`, and the other images are empty.
 
     Args:
         system: Receives the ports.
@@ -172,6 +182,13 @@ def DeclareCameraOutputs(
     declare("depth_image", ImageDepth32F, field("depth"))
     if labels:
         declare("label_image", ImageLabel16I, labels if callable(labels) else field("label"))
+
+    def calc_whole(context: Context, output: AbstractValue) -> None:
+        output.set_value(image(context) or ABSENT)
+
+    system.DeclareAbstractOutputPort(
+        f"{camera}.rgbd_image", lambda: Value(ABSENT), calc_whole, prerequisites
+    )
 
     def calc_time(context: Context, output: BasicVector) -> None:
         output.SetAtIndex(0, time(context))

@@ -39,18 +39,20 @@ class CapturedCameras(LeafSystem):
         output_ports:
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.label_image
         - <camera>.image_time
 
     Each period, an unrestricted update takes the newest images of the capture threads, without
     waiting. The drivers of RealSense, ZED, OpenCV and file cameras are in `perception/capture`.
 
-    `rgb_image` is an ImageRgba8U, `depth_image` an ImageDepth32F ([m], 0 where invalid).
-    `image_time` (1,) [s] is the capture time: the context's time minus the image's age, rounded to
-    nanoseconds as in logs. `label_image` (ImageLabel16I) exists if the camera's source sends
-    labels, and is empty if the newest image has none. Before the first image, images are empty and
-    times NaN; images captured before time 0 are ignored. If a camera freezes or disappears, its
-    last image and time stay. Outputs depend on the state alone.
+    `rgb_image` is an ImageRgba8U, `depth_image` an ImageDepth32F ([m], 0 where invalid), and
+    `rgbd_image` is the source's `RgbdImage` with both. `image_time` (1,) [s] is the capture time:
+    the context's time minus the image's age, rounded to nanoseconds as in logs. `label_image`
+    (ImageLabel16I) exists if the camera's source sends labels, and is empty if the newest image has
+    none. Before the first image, images are empty, `rgbd_image` is `ABSENT`, and times are NaN;
+    images captured before time 0 are ignored. If a camera freezes or disappears, its last image and
+    time stay. Outputs depend on the state alone.
     """
 
     def __init__(

@@ -49,6 +49,7 @@ class DelayedCameras(LeafSystem):
         output_ports:
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.label_image
         - <camera>.image_time
 
@@ -61,9 +62,10 @@ class DelayedCameras(LeafSystem):
     nothing is captured, and the last images stay.
 
     Outputs, for each camera: `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F [m], 0 where
-    invalid), `label_image` (ImageLabel16I, rendered when evaluated, which is slow) and `image_time`
-    (1,), the time of the capture [s]. Until the first image is due, images are empty and times NaN.
-    Every output is a function of the state.
+    invalid), both as one `RgbdImage` in `rgbd_image`, `label_image` (ImageLabel16I, rendered when
+    evaluated, which is slow) and `image_time` (1,), the time of the capture [s]. Until the first
+    image is due, images are empty, `rgbd_image` is `ABSENT`, and times are NaN. Every output is a
+    function of the state.
 
     An unrestricted update at each multiple of the period captures the plant's state at that time.
     Another unrestricted update shows the images one delay later.

@@ -46,12 +46,13 @@ class RecordedCameras(LeafSystem):
         output_ports:
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.label_image
         - <camera>.image_time
 
-    The outputs are those of `CapturedCameras`, as functions of time; before the first image, images
-    are empty and times NaN. An image is decoded when a port is evaluated. When the run did not
-    record an image, `image_time` changes, but the image ports keep the last recorded image.
+    The outputs are those of `CapturedCameras`, as functions of time. An image is decoded when a
+    port is evaluated. When the run did not record an image, `image_time` changes, but the image
+    ports keep the last recorded image.
     """
 
     def __init__(self, *, cameras: Sequence[RecordedCamera]):

@@ -48,6 +48,7 @@ class PartDetector(LeafSystem):
         input_ports:
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.image_time
         - <camera>.label_image
         - request

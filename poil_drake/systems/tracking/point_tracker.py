@@ -31,6 +31,7 @@ class PointTracker(LeafSystem):
         input_ports:
         - <camera>.rgb_image
         - <camera>.depth_image
+        - <camera>.rgbd_image
         - <camera>.image_time
         - query_points
         - masks

@@ -80,8 +80,8 @@ def test_the_ports_are_those_of_the_real_station(tmp_path: Path) -> None:
     assert outputs.keys() == {
         *("panda.position_measured", "panda.velocity_measured", "panda.torque_external"),
         *("panda.status", "panda.position_commanded", "hand.width_measured"),
-        *("left.rgb_image", "left.depth_image", "left.image_time"),
-        *("right.rgb_image", "right.depth_image", "right.image_time"),
+        *("left.rgb_image", "left.depth_image", "left.rgbd_image", "left.image_time"),
+        *("right.rgb_image", "right.depth_image", "right.rgbd_image", "right.image_time"),
     }
     assert dut.camera_names == ("left", "right")
 

@@ -5,7 +5,8 @@ from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 from system_bench import SystemBench
 
 from poil_drake.errors import StationError
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.cameras.camera_ports import CameraPorts
 
 W, H = 4, 3
@@ -94,6 +95,21 @@ def test_the_stamp_is_the_images_where_it_is_known(bench: ViewerBench) -> None:
 
     assert [image.stamp for image in frame.images] == [1.75, 2.0]
     assert frame.stamp == 1.75
+
+
+def test_whole_images_replace_drakes_and_get_the_stamp_of_the_port(bench: ViewerBench) -> None:
+    whole = RgbdImage(np.full((H, W, 3), 9, np.uint8), np.full((H, W), 0.7, np.float32), 1e9)
+    bench.fix("left.rgbd_image", whole)
+    bench.fix("left.image_time", 1.75)
+
+    left, right = bench.capture().images
+
+    assert left.rgb is whole.rgb
+    assert left.depth is whole.depth
+    assert left.stamp == 1.75
+    np.testing.assert_array_equal(right.rgb[1, 2], 10 + np.arange(3))
+    bench.fix("left.rgbd_image", ABSENT)
+    assert bench.dut.cameras.capture(bench.context) is None
 
 
 def test_before_the_first_image_there_is_no_frame(bench: ViewerBench) -> None:

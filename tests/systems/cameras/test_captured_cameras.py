@@ -3,6 +3,7 @@ import pytest
 from system_bench import START, SystemBench
 
 from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 
 PERIOD = 1 / 256
@@ -60,6 +61,7 @@ def test_before_the_first_image_of_the_run_there_is_none(
 
     for kind in ("rgb_image", "depth_image", "label_image"):
         assert bench.read(f"left.{kind}").size == 0
+    assert bench.read("left.rgbd_image") is ABSENT
     assert np.isnan(bench.read("left.image_time")[0])
 
 
@@ -71,6 +73,7 @@ def test_an_image_appears_with_its_age(bench: SystemBench, left: Source) -> None
     assert bench.read("left.image_time")[0] == pytest.approx(0.15, abs=1e-6)
     np.testing.assert_array_equal(bench.read("left.rgb_image")[:, :, :3], 7)
     np.testing.assert_allclose(bench.read("left.depth_image"), 0.7)
+    assert bench.read("left.rgbd_image") is left.newest
     np.testing.assert_array_equal(bench.read("left.label_image"), 7)
     assert np.isnan(bench.read("right.image_time")[0])
 
