@@ -6,7 +6,7 @@ from typing import Any
 import cv2
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, InputPort, LeafSystem
 from pydrake.systems.sensors import ImageDepth32F, ImageLabel16I, ImageRgba8U
 
 from poil_drake.errors import StationError
@@ -46,16 +46,16 @@ class CameraPorts:
         self._system = system
         self._cameras = tuple(cameras)
         self._label_ids = {name: tuple(ids) for name, ids in (label_ids or {}).items()}
-        self._with_labels = label_ids is not None
+        empty = {"rgb": ImageRgba8U(), "depth": ImageDepth32F(), "rgbd": ABSENT}
+        if label_ids is not None:
+            empty["label"] = ImageLabel16I()
+        self._ports: dict[str, InputPort] = {}
         for camera in self._cameras:
-            system.DeclareAbstractInputPort(f"{camera.name}.rgb_image", Value(ImageRgba8U()))
-            system.DeclareAbstractInputPort(f"{camera.name}.depth_image", Value(ImageDepth32F()))
-            system.DeclareAbstractInputPort(f"{camera.name}.rgbd_image", Value(ABSENT))
-            system.DeclareVectorInputPort(f"{camera.name}.image_time", 1)
-            if self._with_labels:
-                system.DeclareAbstractInputPort(
-                    f"{camera.name}.label_image", Value(ImageLabel16I())
-                )
+            for kind, image in empty.items():
+                name = f"{camera.name}.{kind}_image"
+                self._ports[name] = system.DeclareAbstractInputPort(name, Value(image))
+            name = f"{camera.name}.image_time"
+            self._ports[name] = system.DeclareVectorInputPort(name, 1)
 
     def stamp(self, context: Context) -> float:
         """Returns the capture time [s] of the oldest image at the ports, without evaluating images.
@@ -63,19 +63,15 @@ class CameraPorts:
         Returns NaN while a camera has no image. An image counts as captured now if its `image_time`
         is not connected.
         """
-        ports = [self._system.GetInputPort(f"{camera.name}.image_time") for camera in self._cameras]
-        now = context.get_time()
-        return float(np.min([p.Eval(context)[0] if p.HasValue(context) else now for p in ports]))
+        return float(np.min([self._time(context, camera.name) for camera in self._cameras]))
 
     def labels_empty(self, context: Context) -> bool:
         """Returns whether any connected label image is empty.
 
         A source that labels only some of its images sends empty label images with the others.
         """
-        if not self._with_labels:
-            return False
-        labels = [self._pixels(context, f"{camera.name}.label_image") for camera in self._cameras]
-        return any(label is not None and label.size == 0 for label in labels)
+        labels = [self._value(context, f"{camera.name}.label_image") for camera in self._cameras]
+        return any(label is not None and label.size() == 0 for label in labels)
 
     def capture(self, context: Context) -> MultiViewFrame | None:
         """Returns copies of the cameras' current images, or None until every camera has one.
@@ -97,33 +93,34 @@ class CameraPorts:
         )
 
     def _image(self, context: Context, camera: str) -> RgbdImage | None:
-        time = self._system.GetInputPort(f"{camera}.image_time")
-        stamp = float(time.Eval(context)[0]) if time.HasValue(context) else context.get_time()
-        label = self._pixels(context, f"{camera}.label_image") if self._with_labels else None
-        if label is not None:
-            label = label[:, :, 0] if label.size else None  # Some images have no labels.
-        whole = self._system.GetInputPort(f"{camera}.rgbd_image")
-        if whole.HasValue(context):
-            image = whole.Eval(context)
-            if not isinstance(image, RgbdImage):
-                return None
-            return RgbdImage(image.rgb, image.depth, stamp, label)
-        rgba = self._pixels(context, f"{camera}.rgb_image")
-        depth = self._pixels(context, f"{camera}.depth_image")
+        stamp, labels = self._time(context, camera), self._value(context, f"{camera}.label_image")
+        # Some images have no labels.
+        label = labels.data[:, :, 0] if labels is not None and labels.size() else None
+        whole = self._value(context, f"{camera}.rgbd_image")
+        if isinstance(whole, RgbdImage):
+            return RgbdImage(whole.rgb, whole.depth, stamp, label)
+        if whole is not None:
+            return None
+        rgba = self._value(context, f"{camera}.rgb_image")
+        depth = self._value(context, f"{camera}.depth_image")
         if rgba is None or depth is None:
             raise StationError(
                 f"The images of camera '{camera}' are not connected to "
                 f"'{self._system.get_name()}'.",
                 remedy=f"Connect the station's ports {camera}.rgb_image and {camera}.depth_image.",
             )
-        if rgba.size == 0 or depth.size == 0:
+        if rgba.size() == 0 or depth.size() == 0:
             return None
-        return copied_image(rgba, depth, label, stamp=stamp)
+        return copied_image(rgba.data, depth.data, label, stamp=stamp)
 
-    def _pixels(self, context: Context, port_name: str) -> np.ndarray | None:
-        """Returns the array (H, W, channels) of the image at a port; None if not connected."""
-        port = self._system.GetInputPort(port_name)
-        return port.Eval(context).data if port.HasValue(context) else None
+    def _time(self, context: Context, camera: str) -> float:
+        time = self._value(context, f"{camera}.image_time")
+        return context.get_time() if time is None else float(time[0])
+
+    def _value(self, context: Context, name: str) -> Any:
+        """Returns the value of a port; None if it is not connected or does not exist."""
+        port = self._ports.get(name)
+        return port.Eval(context) if port is not None and port.HasValue(context) else None
 
 
 def copied_image(
