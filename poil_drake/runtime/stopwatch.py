@@ -2,8 +2,6 @@
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 import numpy as np
 
@@ -14,14 +12,9 @@ class Stopwatch:
     def __init__(self) -> None:
         self._durations: defaultdict[str, list[float]] = defaultdict(list)
 
-    @contextmanager
-    def measure(self, name: str) -> Iterator[None]:
+    def measure(self, name: str) -> "_Measurement":
         """Records the duration of the `with` block under `name`, even if the block raises."""
-        start = time.perf_counter()
-        try:
-            yield
-        finally:
-            self._durations[name].append(time.perf_counter() - start)
+        return _Measurement(self._durations[name])
 
     def durations(self, name: str) -> np.ndarray:
         """Returns the (N,) durations [s] recorded under `name`, in order."""
@@ -30,3 +23,16 @@ class Stopwatch:
     def totals(self) -> dict[str, float]:
         """Returns the total duration [s] for each name."""
         return {name: float(np.sum(durations)) for name, durations in self._durations.items()}
+
+
+class _Measurement:
+    """Appends the duration of a `with` block to a list; several times faster than a generator."""
+
+    def __init__(self, durations: list[float]):
+        self._durations = durations
+
+    def __enter__(self) -> None:
+        self._start = time.perf_counter()
+
+    def __exit__(self, *exception: object) -> None:
+        self._durations.append(time.perf_counter() - self._start)
