@@ -2,7 +2,7 @@
 
 import signal
 import sys
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from types import FrameType
 from typing import Annotated, Any
 
@@ -43,7 +43,11 @@ for verb in (skill.run, skill.transfer, skill.execute, skill.replay, skill.drive
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"poil_drake {__version__}, Drake {version('drake')}")
+        try:
+            drake = version("drake")
+        except PackageNotFoundError:  # Drake was not installed with pip.
+            drake = "of unknown version"
+        typer.echo(f"poil_drake {__version__}, Drake {drake}")
         raise typer.Exit
 
 

@@ -1,4 +1,4 @@
-"""The verbs from a demonstration to a skill: run, demo, transfer, execute, replay, driver."""
+"""The verbs run, demo, transfer, execute, replay and driver."""
 
 import math
 from functools import partial

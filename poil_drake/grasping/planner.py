@@ -107,7 +107,7 @@ def plan_execution(
         config: None for the defaults.
         seed: Seed for choosing surface points and for searching the approach.
         metadata: Further entries of the plan's metadata, such as the scenario's name.
-        executor: Samples and rehearses half of the grasps; None for none.
+        executor: Does half of the work on grasps; None: this process does all.
         progress: Called with the current activity and its completed fraction.
 
     Raises:

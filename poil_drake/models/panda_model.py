@@ -15,7 +15,7 @@ import numpy as np
 from poil_drake.robots import panda
 from poil_drake.robots.panda import ACCELERATION_LIMITS, ARM_JOINTS, FINGER_JOINTS, GRIPPER_FRAME
 from poil_drake.robots.robot_description import panda_description_directory, panda_urdf
-from poil_drake.runtime.output_files import cached_directory
+from poil_drake.runtime.user_cache import cached_directory
 
 if TYPE_CHECKING:
     import trimesh

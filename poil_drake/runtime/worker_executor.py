@@ -20,7 +20,7 @@ def run_in_halves(
     """Returns the results of `function` for both halves of `items`, in their order.
 
     The second half runs in the executor while the caller runs the first. Without an executor, the
-    caller runs both, one after the other.
+    caller runs both, one after the other. If both raise an error, the first half's is raised.
     """
     middle = (len(items) + 1) // 2
     first, second = items[:middle], items[middle:]

@@ -5,10 +5,10 @@ import pytest
 
 from poil_drake.runtime.output_files import (
     OutputError,
-    cached_directory,
     require_writable,
     whole_file,
 )
+from poil_drake.runtime.user_cache import cached_directory
 
 
 def test_require_writable_makes_folders_and_leaves_files_alone(tmp_path: Path) -> None:

@@ -56,3 +56,16 @@ def test_half_of_the_items_go_to_the_executor() -> None:
 
 def _owned(items: Sequence[int]) -> list[tuple[int, int]]:
     return [(item, os.getpid()) for item in items]
+
+
+@pytest.mark.parametrize("wrong", [0, 1], ids=["first half", "second half"])
+def test_an_error_in_either_half_is_raised(wrong: int) -> None:
+    sizes = [[3], [4]]
+    sizes[wrong] = [2]
+
+    with WorkerExecutor() as worker, pytest.raises(InvalidValueError, match="num_points is 2"):
+        run_in_halves(_configured, [*sizes[0], *sizes[1]], worker)
+
+
+def _configured(sizes: Sequence[int]) -> list[TransferConfig]:
+    return [TransferConfig(num_points=size) for size in sizes]

@@ -1,4 +1,4 @@
-"""The workers that run trials, one at a time each: processes on this machine, or a Ray cluster's.
+"""Workers, each of which runs one trial at a time: processes of this machine or a Ray cluster.
 
 Run as a program, this module is a worker on this machine. Ray is installed by the extra `cluster`.
 """

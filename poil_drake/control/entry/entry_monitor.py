@@ -188,6 +188,7 @@ def _without_path(state: EntryState, now: _Inputs) -> EntryState:
     attempts = state.attempts + 1
     failed = attempts >= now.config.max_attempts
     points = now.points.copy()
+    points.flags.writeable = False
     falling_back = failed and now.config.fallback == "field"
     if falling_back and state.status is EntryStatus.FAILED:
         return replace(state, attempts=attempts, attempt_time=now.time, attempt_points=points)

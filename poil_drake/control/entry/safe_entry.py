@@ -18,6 +18,7 @@ from poil_drake.control.entry.entry_timing import extended_reference
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.errors import PlanningError
+from poil_drake.geometry.frozen_array import freeze_fields
 from poil_drake.geometry.scene_cloud import SceneCloud
 
 _NO_GUIDE = np.empty((0, 4, 4))
@@ -84,6 +85,9 @@ class EntryPlan:
     field: BcsdmConfig
     kind: EntryKind
     guide: np.ndarray
+
+    def __post_init__(self) -> None:
+        freeze_fields(self, guide=("K", 4, 4))
 
 
 class SafeEntryPlanner:

@@ -19,12 +19,12 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
+from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
     CollisionGeometries,
-    DrakeErrorsExplained,
     ModelGeometry,
     RequireFreeObject,
     RequireModel,

@@ -22,7 +22,7 @@ from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.control.motion_source import MotionSource
 from poil_drake.systems.control.point_set_bcsdm import PointSetBcsdm
 from poil_drake.systems.detection.part_detector import PartDetector
-from poil_drake.systems.disturbance_injector import Pulse
+from poil_drake.systems.disturbance_injector import DisturbanceInjector, Pulse
 from poil_drake.systems.fk_propagator import FkPropagator
 from poil_drake.systems.ik.differential_ik import DifferentialInverseKinematics
 from poil_drake.systems.logging.publishing_clock import PublishingClock
@@ -104,8 +104,9 @@ def MakeClosedLoop(
         tracker: A system that replaces the scenario's detector and tracker; None keeps them. It
             needs the output ports of `PointTracker`, except `frame`. It may have the input ports
             `body_poses` (in simulation), `object_motion`, and `<camera>.rgb_image`, `.depth_image`,
-            `.label_image` and `.image_time`, which are then connected. `object_motion` is the
-            object's motion at the images' time, or at present if the tracker takes no images.
+            `.rgbd_image`, `.label_image` and `.image_time`, which are then connected.
+            `object_motion` is the object's motion at the images' time, or at present if the tracker
+            takes no images.
         meshcat: Where to show the scene, the points and the reference; None shows nothing.
         hardware: Whether the station is the real robot.
         dry_run: On hardware: whether to only show the motion, from the measured state of the robot
@@ -161,9 +162,10 @@ def MakeClosedLoop(
         else:
             parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
         shown = album if parts["tracker"].HasOutputPort("frame") else None
-        parts |= AddLoggingAndVisualization(
-            **given, meshcat=meshcat, log=log, album=shown, disturbances=disturbances
-        )
+        parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=shown)
+        if disturbances:
+            injector = DisturbanceInjector(plant=station.plant(), pulses=disturbances)
+            parts["disturbances"] = builder.AddNamedSystem("disturbances", injector)
         ConnectByName(builder, parts)
         clock.AddStop(builder)
         diagram = builder.Build()

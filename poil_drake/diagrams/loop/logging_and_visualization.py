@@ -1,6 +1,6 @@
-"""Adds the systems that log, show and disturb a run of the closed loop."""
+"""Adds the systems that log and show a run of the closed loop."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from enum import IntEnum
 
 from pydrake.geometry import Meshcat
@@ -12,7 +12,6 @@ from poil_drake.diagrams.station.station import Station
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.robots.panda import ARM_JOINTS
-from poil_drake.systems.disturbance_injector import DisturbanceInjector, Pulse
 from poil_drake.systems.logging.mcap_logger import McapLogger
 from poil_drake.systems.logging.snapshot_recorder import SnapshotAlbum, SnapshotRecorder
 from poil_drake.systems.safety.faults import SafetyFault
@@ -42,9 +41,8 @@ def AddLoggingAndVisualization(
     meshcat: Meshcat | None,
     log: RunLogWriter | None,
     album: SnapshotAlbum | None,
-    disturbances: Sequence[Pulse],
 ) -> dict[str, LeafSystem]:
-    """Adds the systems that log, show and disturb a run, and returns them by name.
+    """Adds the systems that log and show a run, and returns them by name.
 
     Args:
         builder: Receives the systems.
@@ -53,7 +51,6 @@ def AddLoggingAndVisualization(
         meshcat: Where to show the run; None adds no visualizer.
         log: Receives the signals; None adds no logger.
         album: Receives snapshots. With None or the ground-truth tracker, no recorder is added.
-        disturbances: Pushes on bodies of the simulated plant.
     """
     scenario = station.scenario
     systems: dict[str, LeafSystem] = {}
@@ -74,9 +71,6 @@ def AddLoggingAndVisualization(
             period=scenario.poil.rates.tracker,
             offset=scenario.poil.rates.control,
         )
-    if disturbances:
-        injector = DisturbanceInjector(plant=station.plant(), pulses=disturbances)
-        systems["disturbances"] = injector
     for name, system in systems.items():
         builder.AddNamedSystem(name, system)
     return systems

@@ -2,8 +2,7 @@
 
 import copy
 import re
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,31 +20,10 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
+from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
-
-_DRAKE_ERRORS = (RuntimeError, ValueError, TypeError, SystemExit)
-"""What Drake raises for invalid values. A failed C++ assertion arrives in Python as SystemExit."""
-
-
-@contextmanager
-def DrakeErrorsExplained(problem: str, *, remedy: str) -> Iterator[None]:
-    """Replaces an error that Drake raises in a `with` block by a ScenarioError.
-
-    Args:
-        problem: What is wrong, e.g. "plant_config cannot be used". Drake's reason is appended.
-        remedy: What the user can do.
-    """
-    try:
-        yield
-    except _DRAKE_ERRORS as error:
-        reason = " ".join(str(error).split())
-        # An assertion: "Failure at <file>:<line> in <function>: condition '<C++>' failed."
-        if reason.startswith("Failure at ") and ": condition " in reason:
-            condition = reason.split(": condition ", 1)[1].removesuffix(" failed.")
-            reason = f"Drake requires {condition}"
-        raise ScenarioError(f"{problem}: {reason.rstrip('.')}.", remedy=remedy) from error
 
 
 def AddScenarioPlant(

@@ -74,6 +74,7 @@ class SimulatedStation(Station):
     images (see `DelayedCameras`). The process receives only the plant's positions (see
     `CameraProcess`). The process starts with the first capture, or with `Start`; `WarmUp` waits
     until it is ready, and `Close` ends it. `<camera>.image_time` (1,) is the capture time [s].
+    `<camera>.rgbd_image` exists only for cameras with an `output_delay`.
     """
 
     def __init__(

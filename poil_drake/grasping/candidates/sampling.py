@@ -16,14 +16,16 @@ from poil_drake.grasping.candidates.closing_region import (
     Grip,
     find_grips,
 )
-from poil_drake.grasping.candidates.grasp_candidate import (
-    GRIPPER,
+from poil_drake.grasping.candidates.diversity import (
     SAME_ANGLE,
     SAME_POSITION,
-    GraspCandidate,
-    GraspSamplingConfig,
     dissimilar,
     keep_diverse,
+)
+from poil_drake.grasping.candidates.grasp_candidate import (
+    GRIPPER,
+    GraspCandidate,
+    GraspSamplingConfig,
 )
 from poil_drake.grasping.candidates.grasp_scene import GraspScene
 from poil_drake.runtime.worker_executor import run_in_halves
@@ -68,7 +70,7 @@ def sample_antipodal_grasps(
         ground_height: Height of the table [m]; None without a table.
         config: Parameters; None for the defaults.
         seed: Seed for choosing the surface points.
-        executor: Does half of the work; None for none.
+        executor: Does half of the work; None: this process does all.
 
     Returns:
         The candidates, best first; empty if the object cannot be grasped.

@@ -72,7 +72,7 @@ def rank_grasps(
         part_points: (M, 3) its functional part [m, world].
         path: How the object's motion is predicted; None for the defaults.
         feasibility: Requirements; None for the defaults.
-        executor: Rehearses half of the grasps; None for none.
+        executor: Rehearses half of the grasps; None: this process rehearses all.
         progress: Called with the current activity and its completed fraction.
 
     Raises:

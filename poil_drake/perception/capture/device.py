@@ -36,7 +36,7 @@ class CaptureDevice(Protocol):
         """
 
     def read(self) -> RgbdImage | None:
-        """Waits at most PATIENCE for a new image.
+        """Waits at most PATIENCE for a new image; call `open` first.
 
         Returns:
             The image, whose arrays never change again, or None if none arrived.

@@ -74,9 +74,9 @@ class CameraPorts:
         return any(label is not None and label.size() == 0 for label in labels)
 
     def capture(self, context: Context) -> MultiViewFrame | None:
-        """Returns copies of the cameras' current images, or None until every camera has one.
+        """Returns the cameras' current images, or None until every camera has one.
 
-        Non-finite depth becomes 0.
+        Drake's images are copied, and their non-finite depth becomes 0.
 
         Raises:
             StationError: if an image port is not connected.

@@ -64,14 +64,14 @@ class DifferentialInverseKinematics(LeafSystem):
         """Constructs the system.
 
         Args:
-            kinematics: The arm, of at most 7 joints, and its gripper frame; None for a Panda at the
-                world's origin.
+            kinematics: The arm and its gripper frame; None for a Panda at the world's origin.
             period: The control period [s].
             config: Margins and gains.
             stopwatch: Records the durations of the updates as "control".
 
         Raises:
-            InvalidValueError: if the nominal posture does not have one value for each joint.
+            InvalidValueError: if the nominal posture does not have one value for each joint, or the
+                arm has more than 7 joints.
         """
         super().__init__()
         self._stopwatch = stopwatch or Stopwatch()
@@ -80,6 +80,10 @@ class DifferentialInverseKinematics(LeafSystem):
         self._config = config or DifferentialInverseKinematicsConfig()
         n = self._kinematics.num_joints
         posture = self._config.nominal_posture
+        if n > 7:
+            raise InvalidValueError(
+                f"The arm has {n} joints, more than 7.", remedy="Use an arm with at most 7 joints."
+            )
         if len(posture) != n:
             raise InvalidValueError(
                 f"nominal_posture has {len(posture)} values, but the arm has {n} joints.",

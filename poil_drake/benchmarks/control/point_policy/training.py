@@ -21,7 +21,7 @@ from poil_drake.benchmarks.control.point_policy.network import (
 )
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import rotation_exp
-from poil_drake.runtime.output_files import cached_directory
+from poil_drake.runtime.user_cache import cached_directory
 
 if TYPE_CHECKING:
     import torch

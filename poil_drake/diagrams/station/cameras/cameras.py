@@ -1,4 +1,4 @@
-"""Cameras of the simulated station, and frames of their images."""
+"""Cameras of the simulated station."""
 
 import copy
 import math
@@ -16,7 +16,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
 from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
 
-from poil_drake.diagrams.scenario.models import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.images import CameraModel

@@ -1,1 +1,1 @@
-"""The real robot's station, and checks of scenarios for it."""
+"""The real robot's station."""

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -114,8 +115,8 @@ class HardwareStation(Station):
         # Images are captured in every other period, and the log is written in the periods between.
         offset = _IMAGES_SHARE * period
         self.tracker_timing = Worker(period=2.0 * period, offset=offset, poll_period=period)
-        # A search takes far longer than these periods.
-        self.detector_timing = Worker(period=8.0 * period, offset=offset, poll_period=8.0 * period)
+        # Captures are as frequent, because only some images may have labels.
+        self.detector_timing = replace(self.tracker_timing, poll_period=8.0 * period)
         self._robot = AddPandaHardware(
             builder=builder,
             lcm=self._lcm,

@@ -59,8 +59,8 @@ _ITERATIONS = (
 _FLOW_ITERATIONS = 2  # number of first iterations, in which patches are searched for
 
 _SETTLED = (float(np.radians(0.25)), 3e-4)
-"""Smaller steps end the alignment [rad, m]: each step is about half as long as the one before, so
-that less than the views' noise remains."""
+"""Smaller steps end the alignment [rad, m]. Each step is about half as long as the one before, so
+the remaining error is below the views' noise."""
 
 _FREEDOM = 4.0
 """Degrees of freedom of the prediction's error, which has a Student-t distribution. With fewer,
