@@ -22,6 +22,8 @@ from poil_drake.systems.statuses import RobotMode
 HAND_PERIOD = 0.1
 """Period of the hand driver's loop [s]."""
 
+_MODES = {int(mode): mode for mode in RobotMode}
+
 _OTHER_SENDERS = "Stop other programs that send on the channel of this message."
 
 
@@ -98,8 +100,8 @@ def decode_panda_status(message: bytes) -> PandaStatus:
     joints = np.array(
         [decoded.joint_position, decoded.joint_velocity, decoded.joint_torque_external]
     )
-    known_mode = decoded.robot_mode in RobotMode.__members__.values()
-    if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or not known_mode:
+    mode = _MODES.get(decoded.robot_mode)
+    if joints.shape != (3, NUM_JOINTS) or not np.isfinite(joints).all() or mode is None:
         raise InvalidValueError(
             f"A Panda status needs a known robot mode and {NUM_JOINTS} finite values per quantity, "
             f"but one has the mode {decoded.robot_mode} and the joint values {joints.tolist()}.",
@@ -110,7 +112,7 @@ def decode_panda_status(message: bytes) -> PandaStatus:
         position=joints[0],
         velocity=joints[1],
         torque_external=-joints[2],
-        mode=RobotMode(decoded.robot_mode),
+        mode=mode,
         success_rate=float(decoded.control_command_success_rate),
         robot_stamp=1e-6 * decoded.robot_utime,
     )

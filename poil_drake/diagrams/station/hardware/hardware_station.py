@@ -112,7 +112,7 @@ class HardwareStation(Station):
         self._url = BusUrl(scenario, self._config.robot_bus, ROBOT_BUS_URL)
         self._lcm = LcmNetwork(self._url, realtime_priority=self._config.realtime_priority)
         period = scenario.poil.rates.control
-        # Images are captured in every other period, and the log is written in the periods between.
+        # Images appear and are captured in every other period; the log is written in the others.
         offset = _IMAGES_SHARE * period
         self.tracker_timing = Worker(period=2.0 * period, offset=offset, poll_period=period)
         # Captures are as frequent, because only some images may have labels.
@@ -127,7 +127,7 @@ class HardwareStation(Station):
         self._threads: dict[str, CaptureThread] = {}
         self.camera_models = MakeCameraModels(self._plant, scenario.cameras) if cameras else ()
         if self.camera_models:
-            self._add_cameras(builder, period)
+            self._add_cameras(builder, 2.0 * period)
         if meshcat is not None:
             self._real_plant = AddHardwareView(
                 builder=builder,
