@@ -37,7 +37,7 @@ from poil_drake.systems.skill.state_machine import SkillState
 from poil_drake.systems.tracking.ground_truth_tracker import GroundTruthTracker
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
-CONTROL, TRACKER, DELAY, LATENCY = 1 / 256, 1 / 8, 3 / 32, 3 / 16
+CONTROL, TRACKER, DELAY, LATENCY = 1 / 256, 1 / 8, 7 / 64, 3 / 16
 MOVED = 0.5
 """When the object is moved [s], right before a capture: by `JUMP` [m], away from the reference."""
 JUMP = np.array([0.0, 0.02, 0.0])

@@ -108,8 +108,8 @@ def test_images_appear_when_the_simulated_cameras_delivered_them(tmp_path: Path)
     dut = ReplayStation(ChooseScenario(), load_recorded_run(path))
     context = dut.CreateDefaultContext()
     shown = {}
-    # The package's cameras deliver after 3/32 s.
-    for time in (0.125 + 3 / 32 - PERIOD, 0.125 + 3 / 32):
+    # The package's cameras deliver after 7/64 s.
+    for time in (0.125 + 7 / 64 - PERIOD, 0.125 + 7 / 64):
         context.SetTime(time)
         shown[time] = dut.GetOutputPort("left.depth_image").Eval(context).size()
 

@@ -202,7 +202,7 @@ def test_a_joint_may_be_given_as_a_plain_number() -> None:
         ("X_PB: { base_frame: 'panda::panda_hand' }", "'panda::panda_hand', which moves"),
         ("X_PB: { base_frame: 'mug::body' }", "'mug::body', which moves"),
         ("name: right", "under the key 'left' is named 'right'"),
-        ("output_delay: 0.05", "right.output_delay is 0.09375 s, but .*left.output_delay is 0.05"),
+        ("output_delay: 0.05", "right.output_delay is 0.109375 s, but .*left.output_delay is 0.05"),
         ("capture_offset: 0.01", "cameras.left.capture_offset is 0.01 s.*rates.tracker"),
     ],
 )
@@ -216,7 +216,7 @@ def test_a_camera_that_cannot_be_used_is_refused(camera: str, says: str) -> None
 
 
 def test_a_cameras_name_must_suit_ports_and_topics() -> None:
-    scenario = ChooseScenario(data="{cameras: {a/b: {name: a/b, output_delay: 0.09375}}}")
+    scenario = ChooseScenario(data="{cameras: {a/b: {name: a/b, output_delay: 0.109375}}}")
 
     with pytest.raises(ScenarioError, match=r"name 'a/b'.*letters"):
         MakeStation(scenario)

@@ -67,7 +67,7 @@ def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) 
     delayed.Close()
 
     offsets = [station.tracker_timing.offset for station in (delayed, prompt)]
-    assert offsets == [3 / 32 + 1 / 256, 0.0]
+    assert offsets == [7 / 64 + 1 / 256, 0.0]
     assert frames[0].label_ids == frames[1].label_ids
     require_equal(frames[0].images, frames[1].images)
     for a, b in zip(*(frame.cameras for frame in frames), strict=True):
