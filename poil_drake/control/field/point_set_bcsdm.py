@@ -170,7 +170,7 @@ def point_set_bcsdm(
             "for each.",
         )
     observed = (weights > 0.0) & np.isfinite(points.sum(axis=-1) + weights)
-    if not observed.all():
+    if np.count_nonzero(observed) < observed.size:
         # Points of weight zero are ignored, but must be finite.
         points = np.where(observed[..., None], points, 0.0)
         weights = np.where(observed, weights, 0.0)
@@ -202,7 +202,7 @@ def _field(
         above = observed & (
             squared_motion_errors(points, target, shares) > config.inlier_distance**2
         )
-        if above.any():
+        if np.count_nonzero(above):
             find = partial(rigid_consensus, inlier_distance=config.inlier_distance)
             inliers = _inliers(above, observed, find, points, target, shares)
             if (inliers < observed).any():
@@ -213,7 +213,7 @@ def _field(
     fit = fit_twist(points, velocities, shares, config.min_rotation_spread)
     if config.outlier_test == "velocity":
         above = observed & (fit.squared_errors(points, velocities) > config.inlier_speed**2)
-        if above.any():
+        if np.count_nonzero(above):
             find = partial(twist_consensus, inlier_speed=config.inlier_speed)
             inliers = _inliers(above, observed, find, points, velocities, shares)
             kept = _shares(weights * inliers)
@@ -236,7 +236,7 @@ def _field(
         status=_STATUSES.take(at_goal),
     )
     lost = fit.spread < max(config.min_spread, _MIN_SPREAD)
-    return _without(output, lost) if lost.any() else output
+    return _without(output, lost) if np.count_nonzero(lost) else output
 
 
 def _without(output: BcsdmOutput, lost: np.ndarray) -> BcsdmOutput:

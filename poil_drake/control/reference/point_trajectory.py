@@ -10,9 +10,9 @@ from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.rigid_transform import rotation_log
 
-_ROUNDING = 1e-14
-"""Costs that differ by less than this fraction of the reference's squared distance from the world's
-origin count as equal."""
+_TIE = 1e-14
+"""A sample's cost is lowered by this fraction of the reference's squared distance from the world's
+origin for each sample before it. This exceeds rounding errors, so the last of equal samples wins."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,9 @@ class PointTrajectory(SharedOnCopy):
     def _cost_terms(self) -> np.ndarray:
         """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2]."""
         halves = 0.5 * np.vecdot(self.positions, self.positions)
+        halves -= _TIE * 2.0 * halves.max() * np.arange(len(halves))[:, None]
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
         return terms.T.copy()
-
-    @cached_property
-    def _largest_square(self) -> float:
-        """Largest squared distance of a point from the world's origin [m^2]."""
-        return float(np.vecdot(self.positions, self.positions).max())
 
     @cached_property
     def _steps(self) -> np.ndarray:
@@ -78,6 +74,12 @@ class PointTrajectory(SharedOnCopy):
         """(T, 2, N, 3) each sample's positions and velocities."""
         return np.stack([self.positions, self.velocities], axis=1)
 
+    @cached_property
+    def _changes(self) -> tuple[np.ndarray, np.ndarray]:
+        """The changes of time (T,) and `_states` from each sample to the next; 0 at the last."""
+        times, states = self.times, self._states
+        return np.diff(times, append=times[-1]), np.diff(states, axis=0, append=states[-1:])
+
     def at_sample(self, sample: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Returns time (...) [s], positions [m] and velocities [m/s] (..., N, 3) at a sample index.
 
@@ -85,11 +87,11 @@ class PointTrajectory(SharedOnCopy):
             sample: (...) index; 2.5 is halfway between samples 2 and 3, by linear interpolation.
         """
         before = sample.astype(np.intp)
-        after = np.minimum(before + 1, self.times.size - 1)
         fraction = sample - before
-        time, state = self.times[before], self._states[before]
-        time = time + fraction * (self.times[after] - time)
-        state = state + fraction[..., None, None, None] * (self._states[after] - state)
+        time_changes, state_changes = self._changes
+        time = self.times[before] + fraction * time_changes[before]
+        change = fraction[..., None, None, None] * state_changes[before]
+        state = self._states[before] + change
         return time, state[..., 0, :, :], state[..., 1, :, :]
 
     def positions_at(self, time: float) -> np.ndarray:
@@ -131,11 +133,10 @@ def closest_configuration(
     # |x - x*|^2 / 2 without |x|^2 / 2, which is the same for all samples.
     weighted = _flat(shares[..., None] * points)
     costs = np.concatenate([weighted, shares], axis=-1) @ reference._cost_terms
-    rounding = _ROUNDING * reference._largest_square
-    index = _last_minimum(costs, rounding)
+    index = costs.argmin(axis=-1)
     if window is not None and previous_tau is not None:
         outside = _outside(reference.times, np.asarray(previous_tau), window)
-        nearby = _last_minimum(np.where(outside, np.inf, costs), rounding)
+        nearby = np.where(outside, np.inf, costs).argmin(axis=-1)
         anywhere_square, nearby_square = (
             np.vecdot(shares, np.square(reference.positions[i] - points).sum(axis=-1))
             for i in (index, nearby)
@@ -187,12 +188,6 @@ def rigid_velocities(
 
 def _flat(vectors: np.ndarray) -> np.ndarray:
     return vectors.reshape((*vectors.shape[:-2], 3 * vectors.shape[-2]))
-
-
-def _last_minimum(costs: np.ndarray, rounding: float) -> np.ndarray:
-    """Returns the index (...) of the last of the smallest costs (..., T), up to rounding."""
-    smallest = costs <= costs.min(axis=-1, keepdims=True) + rounding
-    return costs.shape[-1] - 1 - smallest[..., ::-1].argmax(axis=-1)
 
 
 def _outside(
