@@ -11,8 +11,9 @@ from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
 from poil_drake.geometry.rigid_transform import rotation_log
 
 _TIE = 1e-14
-"""A sample's cost is lowered by this fraction of the reference's squared distance from the world's
-origin for each sample before it. This exceeds rounding errors, so the last of equal samples wins."""
+"""Each sample's cost is lowered by this fraction of the reference's squared distance from the
+world's origin, times the number of earlier samples. The last of equal samples wins, since this
+exceeds rounding errors."""
 
 
 @dataclass(frozen=True, eq=False)
