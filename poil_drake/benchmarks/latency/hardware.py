@@ -213,12 +213,14 @@ def _run(
                         os.kill(tracker, signal.SIGCONT if stalled else signal.SIGSTOP)
                         stalled.append(time.perf_counter())
                     pace.AdvanceTo(_WARM_UP + second + 1.0)
+                    if context.get_discrete_state().value()[0] != FOLLOWING.phase:
+                        raise PoilError(
+                            "The loop ended with a fault, so it did not do its whole work.",
+                            remedy="End other programs and run the benchmark again.",
+                        )
+                    # While the tracker is stalled, the points do not progress.
+                    context.SetDiscreteState(np.array(FOLLOWING))
                     bar.update()
-            if context.get_discrete_state().value()[0] != FOLLOWING.phase:
-                raise PoilError(
-                    "The loop ended with a fault, so it did not do its whole work.",
-                    remedy="End other programs and run the benchmark again.",
-                )
             return pace.timing, stalled, time.time()
         finally:
             loop.Close()
