@@ -20,6 +20,7 @@ from poil_drake.recording.mcap.message_decoders import (
     Calibration,
     decode_calibration,
     decode_transform,
+    frame_name,
 )
 from poil_drake.recording.mcap.scan import ScannedMessage, scan
 from poil_drake.recording.mcap.sink import METADATA_RECORD
@@ -127,8 +128,8 @@ class Contents:
             message = scanned.decode(FrameTransform, FrameTransforms)
             for transform in getattr(message, "transforms", [message]):
                 self.frames.add(
-                    parent=transform.parent_frame_id,
-                    child=transform.child_frame_id,
+                    parent=frame_name(transform.parent_frame_id),
+                    child=frame_name(transform.child_frame_id),
                     stamp=get_timestamp(transform, default=scanned.log_time),
                     X_PC=decode_transform(transform),
                 )

@@ -20,6 +20,7 @@ from poil_drake.recording.mcap.message_decoders import (
     decode_color,
     decode_depth,
     decode_label,
+    frame_name,
 )
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -57,7 +58,8 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=scanned.log_time)
-        return cls(stamp, scanned.log_time, message.frame_id, type(message), scanned.location)
+        frame = frame_name(message.frame_id)
+        return cls(stamp, scanned.log_time, frame, type(message), scanned.location)
 
 
 @dataclass(frozen=True)

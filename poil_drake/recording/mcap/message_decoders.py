@@ -17,8 +17,9 @@ from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
 
-# Both are OpenCV's lens model, with 5 and 8 coefficients.
+# Both are OpenCV's lens model, usually with 5 and 8 coefficients; it takes any of these numbers.
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
+_DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 
 ImageMessage: TypeAlias = RawImage | CompressedImage
 
@@ -75,7 +76,20 @@ def decode_calibration(message: CameraCalibration) -> Calibration:
             f"the distortion model '{message.distortion_model}' is not supported.",
             remedy=f"Use {' or '.join(_DISTORTION_MODELS)}, or record rectified images.",
         )
-    return Calibration(message.frame_id, message.width, message.height, K.reshape(3, 3), distortion)
+    elif len(distortion) not in _DISTORTION_COUNTS:
+        raise InvalidValueError(
+            f"the calibration has {len(distortion)} distortion coefficients: {list(message.D)}.",
+            remedy=f"Record {', '.join(map(str, _DISTORTION_COUNTS[:-1]))} or "
+            f"{_DISTORTION_COUNTS[-1]} coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...), "
+            "or rectified images.",
+        )
+    frame = frame_name(message.frame_id)
+    return Calibration(frame, message.width, message.height, K.reshape(3, 3), distortion)
+
+
+def frame_name(recorded: str) -> str:
+    """Returns the name of a frame without the leading slash that old ROS tools write."""
+    return recorded.removeprefix("/")
 
 
 def decode_color(message: ImageMessage) -> np.ndarray:
@@ -99,7 +113,8 @@ def decode_color(message: ImageMessage) -> np.ndarray:
 def decode_depth(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) float32 depth [m] of a message; 0 where invalid.
 
-    As usual, integer images are in millimetres, and float images are in metres.
+    As usual, integer images are in millimetres, and float images are in metres. 65535 is invalid:
+    some cameras write it where they measure nothing.
 
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
@@ -107,7 +122,9 @@ def decode_depth(message: ImageMessage) -> np.ndarray:
     if isinstance(message, RawImage) and message.encoding == "32FC1":
         depth = _raw_pixels(message, np.dtype("<f4"), 1)[..., 0].astype(np.float32)
         return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(0.0))
-    return (_pixels_16_bit(message, "depth") / np.float32(MILLIMETRES_PER_METRE)).astype(np.float32)
+    pixels = _pixels_16_bit(message, "depth")
+    pixels[pixels == np.iinfo(np.uint16).max] = 0
+    return (pixels / np.float32(MILLIMETRES_PER_METRE)).astype(np.float32)
 
 
 def decode_label(message: ImageMessage) -> np.ndarray:

@@ -122,12 +122,12 @@ class MessageEncoder:
         """Encodes an (H, W) depth image [m] as 16UC1 [mm], or as 32FC1 [m] if `exact_depth`.
 
         Rounding to 16UC1 adds 0.29 mm rms, less than a depth camera's noise. Depth that is not
-        finite, is negative or exceeds 65.535 m becomes 0, which means invalid.
+        finite, is negative or reaches 65.535 m becomes 0, which means invalid.
         """
         if self._exact_depth:
             return self._raw_image(depth.astype("<f4"), "32FC1", stamp, frame_id)
         millimetres = np.rint(depth * MILLIMETRES_PER_METRE)
-        valid = (millimetres >= 0.0) & (millimetres <= np.iinfo(np.uint16).max)
+        valid = (millimetres >= 0.0) & (millimetres < np.iinfo(np.uint16).max)
         millimetres[~valid] = 0.0
         return self._raw_image(millimetres.astype("<u2"), "16UC1", stamp, frame_id)
 

@@ -143,3 +143,15 @@ def test_errors_name_a_frame_that_cannot_be_decoded(foreign):
 
     with pytest.raises(DemonstrationError, match=r"/camera/left/image, at 0\.375 s.*8 x 6"):
         dut.frames[3]
+
+
+@pytest.mark.parametrize("count", [1, 3, 6, 9])
+def test_distortion_of_an_unknown_length_is_rejected(foreign, count):
+    calibration = foreign.calibrations["left"]
+    calibration.distortion_model = "plumb_bob"
+    calibration.D.extend([0.01] * count)
+
+    with pytest.raises(DemonstrationError, match=f"has {count} distortion coefficients") as info:
+        foreign.load()
+
+    assert "4, 5, 8, 12 or 14" in info.value.remedy

@@ -89,11 +89,11 @@ def test_depth_keeps_half_a_millimetre(depth):
 
 
 def test_depth_out_of_range_becomes_invalid(dut):
-    depth = np.array([[np.nan, np.inf, -np.inf, -0.2, 65.54, 65.535]], dtype=np.float32)
+    depth = np.array([[np.nan, np.inf, -np.inf, -0.2, 65.535, 65.534]], dtype=np.float32)
 
     got = decode_depth(message(dut.depth(depth, **NAMED)))
 
-    np.testing.assert_array_equal(got, np.float32([[0, 0, 0, 0, 0, 65.535]]))
+    np.testing.assert_array_equal(got, np.float32([[0, 0, 0, 0, 0, 65.534]]))
 
 
 def test_a_depth_image_describes_itself(dut):
