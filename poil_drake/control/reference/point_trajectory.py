@@ -51,9 +51,12 @@ class PointTrajectory(SharedOnCopy):
 
     @cached_property
     def _cost_terms(self) -> np.ndarray:
-        """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2]."""
-        halves = 0.5 * np.vecdot(self.positions, self.positions)
-        halves -= _TIE * 2.0 * halves.max() * np.arange(len(halves))[:, None]
+        """(4 N, T) each sample's 3 N negative coordinates [m] and N halved squared norms [m^2].
+
+        The norms include the slope of `_TIE`.
+        """
+        squares = np.vecdot(self.positions, self.positions)
+        halves = 0.5 * squares - _TIE * squares.max() * np.arange(len(squares))[:, None]
         terms = np.concatenate([-self.positions.reshape(len(halves), -1), halves], axis=1)
         return terms.T.copy()
 
