@@ -1,0 +1,119 @@
+"""Chooses the topics of each camera in a ROS bag."""
+
+import re
+from collections.abc import Mapping
+
+from poil_drake.errors import DemonstrationError
+from poil_drake.recording.demonstration.layout import camera_topic
+from poil_drake.recording.ros_bag.bag import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, RosBag
+
+_IMAGES = (IMAGE, COMPRESSED_IMAGE)
+_TYPES = {"image": _IMAGES, "depth": _IMAGES, "label": _IMAGES, "calibration": (CAMERA_INFO,)}
+_OPTIONAL = ("label",)
+
+# Parts of the topics of the drivers of RealSense, ZED, Azure Kinect and OpenNI cameras.
+_KINDS = (
+    ("label", re.compile("label|mask|segment")),
+    ("depth", re.compile("depth")),
+    ("other", re.compile("infra|fisheye|confidence|thermal")),
+    ("image", re.compile("")),
+)
+_PREFERRED = {
+    "image": re.compile("colou?r|rgb"),
+    "depth": re.compile("aligned|registered|_to_(color|rgb)"),
+    "label": re.compile(""),
+}
+
+
+def choose_topics(
+    bag: RosBag, cameras: Mapping[str, str], given: Mapping[str, str]
+) -> dict[str, str]:
+    """Returns the bag's topic for each topic of the demonstration, e.g. "/camera/left/image".
+
+    Args:
+        bag: An open bag.
+        cameras: The prefix of each camera's topics, by the camera's name. Colour, depth and, if
+            there are any, label images are found by type and name. The calibration is the topic
+            `camera_info` beside the colour images.
+        given: Topics that are not guessed, e.g. {"left/depth": "/left/registered/image_raw"}.
+
+    Raises:
+        DemonstrationError: if a topic is missing, ambiguous, empty or of another type, or serves
+            twice. The message lists what is in the bag.
+    """
+    if not cameras:
+        raise DemonstrationError(
+            f"{bag.path}: no camera is named. {bag.listing()}",
+            remedy="Name each camera and the prefix of its topics, e.g. --camera left=/left.",
+        )
+    keys = [f"{name}/{kind}" for name in cameras for kind in _TYPES]
+    for key in given:
+        if key not in keys:
+            raise DemonstrationError(
+                f"--topic {key} names no topic of a camera.", remedy=f"Use {', '.join(keys)}."
+            )
+    chosen: dict[str, str] = {}
+    for name, prefix in cameras.items():
+        for kind in _TYPES:  # Colour is first, because the calibration is beside it.
+            topic = given.get(f"{name}/{kind}")
+            if topic is None and kind == "calibration":
+                color = image_name(chosen[camera_topic(name, "image")])
+                topic = f"{color.rpartition('/')[0]}/camera_info"
+            elif topic is None:
+                topic = _guess(bag, name, kind, prefix)
+            if topic is not None:
+                _check(bag, name, kind, topic)
+                chosen[camera_topic(name, kind)] = topic
+    for topic in chosen.values():
+        users = [own for own, other in chosen.items() if other == topic]
+        if len(users) > 1:
+            raise DemonstrationError(
+                f"{bag.path}: topic {topic} serves as {' and '.join(users)}. {bag.listing()}",
+                remedy="Give each camera its own prefix with --camera.",
+            )
+    return chosen
+
+
+def image_name(topic: str) -> str:
+    """Returns a topic of images without its transport, e.g. "/image_raw/compressed"."""
+    return topic.removesuffix("/compressed").removesuffix("/compressedDepth")
+
+
+def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
+    """Returns the topic of a kind of image; None if it is missing and optional."""
+    prefix = f"/{prefix.strip('/')}/"
+    fitting: dict[str, list[str]] = {}  # The topics of each stream: raw, compressed.
+    for topic, (message_type, messages) in bag.topics.items():
+        if message_type in _IMAGES and topic.startswith(prefix) and messages > 0:
+            image = image_name(topic)
+            if kind == next(k for k, part in _KINDS if part.search(image[len(prefix) :].lower())):
+                fitting.setdefault(image, []).append(topic)
+    preferred = [image for image in fitting if _PREFERRED[kind].search(image[len(prefix) :])]
+    images = preferred or list(fitting)
+    if not images and kind in _OPTIONAL:
+        return None
+    if len(images) != 1:
+        found = f"both {' and '.join(images)} have" if images else f"no topic under {prefix} has"
+        raise DemonstrationError(
+            f"{bag.path}: by its name, {found} the {kind} of camera '{name}'. {bag.listing()}",
+            remedy=f"Name the topic, e.g. --topic {name}/{kind}={prefix}{kind}, or another prefix "
+            "with --camera.",
+        )
+    return min(fitting[images[0]], key=lambda topic: bag.topics[topic].type != IMAGE)
+
+
+def _check(bag: RosBag, name: str, kind: str, topic: str) -> None:
+    """Raises a DemonstrationError unless a topic is there, has messages, and the right type."""
+    found = bag.topics.get(topic)
+    if found is None:
+        problem = "is not in the bag"
+    elif found.type not in _TYPES[kind]:
+        problem = f"holds {found.type} messages instead of {' or '.join(_TYPES[kind])}"
+    elif found.messages == 0:
+        problem = "has no messages"
+    else:
+        return
+    raise DemonstrationError(
+        f"{bag.path}: topic {topic}, for the {kind} of camera '{name}', {problem}. {bag.listing()}",
+        remedy=f"Name another topic, e.g. --topic {name}/{kind}=TOPIC, or record it.",
+    )
