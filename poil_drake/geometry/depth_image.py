@@ -1,4 +1,4 @@
-"""Depth images: reliable pixels, points and normals, and the projection of points to pixels."""
+"""Depth images: units, reliable pixels, points, normals, and views from another camera."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,8 @@ from poil_drake.errors import InvalidValueError
 
 # Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
+# The 16-bit depth that means "too far" in the images of Drake and of saturated cameras.
+_TOO_FAR = 65535
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +34,32 @@ class DepthMaskConfig:
     edge_margin: int = 1
     min_depth: float = 0.1
     max_depth: float = 3.0
+
+
+def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
+    """Returns depth [m] as float32, 0 where invalid.
+
+    A float is invalid if it is not finite or not positive. An integer is invalid if it is 0 or
+    65535 ("too far").
+
+    Args:
+        raw: Depth of any shape, float32 [m] or uint16 [steps].
+        step: One step of integer depth [m].
+
+    Raises:
+        InvalidValueError: if `raw` has another type.
+    """
+    if raw.dtype == np.uint16:
+        # The reciprocal of a millimetre is exact in float32.
+        metres = np.divide(raw, np.float32(1.0 / step), dtype=np.float32)
+        metres[raw == _TOO_FAR] = 0.0
+        return metres
+    if raw.dtype == np.float32:
+        return np.where((raw > 0.0) & (raw < np.inf), raw, np.float32(0.0))
+    raise InvalidValueError(
+        f"Depth has the unsupported type {raw.dtype}.",
+        remedy="Use 32-bit floats in metres, or unsigned 16-bit integers.",
+    )
 
 
 def erode_mask(mask: np.ndarray, pixels: int) -> np.ndarray:

@@ -20,7 +20,7 @@ from poil_drake.recording.mcap.message_decoders import (
     decode_color,
     decode_depth,
     decode_label,
-    frame_name,
+    frame_of,
 )
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -58,8 +58,7 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=scanned.log_time)
-        frame = frame_name(message.frame_id)
-        return cls(stamp, scanned.log_time, frame, type(message), scanned.location)
+        return cls(stamp, scanned.log_time, frame_of(message), type(message), scanned.location)
 
 
 @dataclass(frozen=True)
