@@ -198,7 +198,7 @@ def _views(contents: Contents, name: str, base: str, rows: np.ndarray) -> list[S
     """
     camera, frames = contents.cameras[name], contents.frames
     tolerance = 0.5 * median_period(_stamps(camera.image))
-    views = []
+    views: list[StoredView] = []
     for image, depth in rows:
         color, stored_depth = camera.image[image], camera.depth[depth]
         registration = None

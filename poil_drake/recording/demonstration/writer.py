@@ -97,7 +97,8 @@ class DemonstrationWriter:
         encode, frame_id = self._encoder, optical_frame(camera.name)
         stamp = to_nanoseconds(image.stamp)
         messages = {}
-        if not np.array_equal(camera.K, self._written.get(camera.name)):
+        written = self._written.get(camera.name)
+        if written is None or not np.array_equal(camera.K, written):
             self._written[camera.name] = camera.K
             topic = camera_topic(camera.name, "calibration")
             messages[topic] = encode.calibration(camera, stamp=stamp, frame_id=frame_id)
