@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.rigid_transform import inverse
 
 # Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
@@ -150,6 +151,64 @@ def project(points_W: np.ndarray, K: np.ndarray, X_WC: np.ndarray) -> tuple[np.n
     homogeneous = points_C @ K.T
     divisor = np.where(z > 0.0, z, np.nan)[..., None]
     return homogeneous[..., :2] / divisor, z
+
+
+def register_depth(
+    depth: np.ndarray,
+    K_D: np.ndarray,
+    K_C: np.ndarray,
+    *,
+    X_CD: np.ndarray,
+    size: tuple[int, int],
+) -> np.ndarray:
+    """Returns depth in the view of another camera, e.g. that of a colour camera beside it.
+
+    The surface of each pixel is cut into a grid that is finer than the pixels of the new view, so
+    that no background shows through. Where several surfaces fall on a pixel, the nearest counts.
+    Single pixels that stay empty between two pixels of one surface get their mean depth. Pixels
+    that the depth camera does not see are 0.
+
+    Args:
+        depth: (H, W) depth along the optical axis of the depth camera D [m]; 0, NaN and infinity
+            are invalid.
+        K_D: (3, 3) intrinsic matrix of D [px].
+        K_C: (3, 3) intrinsic matrix of the new view C [px].
+        X_CD: (4, 4) pose of D's optical frame in C's [m].
+        size: Height and width of the new view [px].
+
+    Returns:
+        (height, width) float32 depth along the optical axis of C [m]; 0 where it is unknown.
+    """
+    grid = int(max(K_C[0, 0] / K_D[0, 0], K_C[1, 1] / K_D[1, 1])) + 1
+    offsets = (np.arange(grid) + 0.5) / grid - 0.5
+    v, u = np.nonzero(np.isfinite(depth) & (depth > 0.0))
+    z = depth[v, u].astype(float)
+    registered = np.full(size, np.inf, dtype=np.float32)
+    for du, dv in ((a, b) for a in offsets for b in offsets):
+        rays = np.column_stack([u + du, v + dv, np.ones(len(z))]) @ np.linalg.inv(K_D).T
+        uv, z_C = project(rays * z[:, None], K_C, inverse(X_CD))
+        seen = z_C > 0.0
+        column, row = np.rint(uv[seen]).astype(np.int64).T
+        inside = (row >= 0) & (row < size[0]) & (column >= 0) & (column < size[1])
+        at = (row[inside], column[inside])
+        np.minimum.at(registered, at, z_C[seen][inside].astype(np.float32))
+    registered[np.isinf(registered)] = 0.0
+    return _fill_pinholes(registered)
+
+
+def _fill_pinholes(depth: np.ndarray, relative_jump: float = 0.03) -> np.ndarray:
+    """Returns depth (H, W) in which single empty pixels get the mean of opposite neighbours."""
+    filled = depth.copy()
+    around = np.pad(depth, 1)
+    for first, second in (
+        (around[1:-1, :-2], around[1:-1, 2:]),
+        (around[:-2, 1:-1], around[2:, 1:-1]),
+    ):
+        nearer = np.minimum(first, second)
+        same = (nearer > 0.0) & (np.abs(first - second) <= relative_jump * nearer)
+        hole = same & (filled == 0.0)
+        filled[hole] = 0.5 * (first + second)[hole]
+    return filled
 
 
 def depth_normals(

@@ -57,7 +57,7 @@ class DemonstrationWriter:
         self._cameras = tuple(cameras)
         self._metadata = dict(metadata)
         self._label_ids: dict[str, tuple[int, ...]] = {}
-        self._written: dict[str, CameraModel] = {}
+        self._written: dict[str, np.ndarray] = {}
         self._frame_count = 0
         self._last_stamps: dict[str, float] = {}
         self._encoder = MessageEncoder(color=color)
@@ -97,13 +97,14 @@ class DemonstrationWriter:
         encode, frame_id = self._encoder, optical_frame(camera.name)
         stamp = to_nanoseconds(image.stamp)
         messages = {}
-        if not _same(camera, self._written.get(camera.name)):
-            self._written[camera.name] = camera
+        written = self._written.get(camera.name)
+        if written is None or not np.array_equal(camera.K, written):
+            self._written[camera.name] = camera.K
             topic = camera_topic(camera.name, "calibration")
             messages[topic] = encode.calibration(camera, stamp=stamp, frame_id=frame_id)
-            messages[TRANSFORM_TOPIC] = encode.transform(
-                camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
-            )
+        messages[TRANSFORM_TOPIC] = encode.transform(
+            camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
+        )
         images = {"image": image.rgb, "depth": image.depth, "label": image.label}
         for kind, pixels in images.items():
             if pixels is not None:
@@ -139,9 +140,3 @@ class DemonstrationWriter:
             },
         )
         self._sink.close()
-
-
-def _same(camera: CameraModel, other: CameraModel | None) -> bool:
-    return other is not None and (
-        np.array_equal(camera.K, other.K) and np.array_equal(camera.X_WC, other.X_WC)
-    )

@@ -184,9 +184,7 @@ def _is_compressed(message: ImageMessage) -> bool:
     return hasattr(message, "format")
 
 
-def _raw_channel(
-    message: ImageMessage, kind: str, types: dict[str, str], units: str
-) -> np.ndarray:
+def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str], units: str) -> np.ndarray:
     """Returns the (H, W) pixels of a one-channel image, which errors call a `kind` image."""
     if message.encoding not in types:
         names = [name for name in types if not (units and name in units)]
@@ -224,9 +222,7 @@ def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.nda
         ) from error
 
 
-def _decompress(
-    message: ImageMessage, data: Any, flags: int = cv2.IMREAD_UNCHANGED
-) -> np.ndarray:
+def _decompress(message: ImageMessage, data: Any, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
