@@ -2,7 +2,9 @@
 
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager
+from heapq import merge
 from itertools import islice
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -90,7 +92,7 @@ class RosBag:
         self._stack.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[BagMessage]:
-        """Yields the messages of topics whose types are in `READ_TYPES`, in each file's order.
+        """Yields the messages of topics whose types are in `READ_TYPES`, by the time of logging.
 
         The messages are decoded by the definitions of their ROS types, not by those in the bag,
         which old bags lack.
@@ -98,18 +100,23 @@ class RosBag:
         Raises:
             DemonstrationError: if the bag is damaged.
         """
-        ros1, ros2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
-        ros1.register({TRANSFORMS: ros2.fielddefs[TRANSFORMS]})
-        for reader in self._readers:
-            is_ros1 = isinstance(reader, rosbag1.Reader)
-            decode = ros1.deserialize_ros1 if is_ros1 else ros2.deserialize_cdr
-            wanted = [c for c in reader.connections if c.topic in topics]
-            if not wanted:  # The library takes an empty list for all topics.
-                continue
-            with _explained(self.path):
-                for connection, log_time, data in reader.messages(connections=wanted):
-                    kind = connection.msgtype
-                    yield BagMessage(connection.topic, kind, log_time, decode(data, kind))
+        with _explained(self.path):
+            streams = [self._decoded(reader, topics) for reader in self._readers]
+            yield from merge(*streams, key=attrgetter("log_time"))
+
+    def _decoded(self, reader: Any, topics: Collection[str]) -> Iterator[BagMessage]:
+        """Yields the messages of topics in one file, by the time of logging."""
+        ros2 = get_typestore(Stores.ROS2_HUMBLE)
+        decode = ros2.deserialize_cdr
+        if isinstance(reader, rosbag1.Reader):
+            ros1 = get_typestore(Stores.ROS1_NOETIC)
+            ros1.register({TRANSFORMS: ros2.fielddefs[TRANSFORMS]})
+            decode = ros1.deserialize_ros1
+        wanted = [c for c in reader.connections if c.topic in topics]
+        # The library takes an empty list for all topics.
+        for connection, log_time, data in reader.messages(connections=wanted) if wanted else ():
+            kind = connection.msgtype
+            yield BagMessage(connection.topic, kind, log_time, decode(data, kind))
 
     def listing(self) -> str:
         """Returns one sentence with the topics of types in `READ_TYPES`, for error messages.

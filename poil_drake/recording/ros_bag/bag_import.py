@@ -1,17 +1,21 @@
 """Imports a ROS bag as a demonstration."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
+from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
     LABEL_IDS_KEY,
+    STATIC_TRANSFORM_TOPIC,
     TRANSFORM_TOPIC,
     WORLD_FRAME,
     WORLD_FRAME_KEY,
@@ -19,12 +23,11 @@ from poil_drake.recording.demonstration.layout import (
     optical_frame,
 )
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_decoders import frame_name
+from poil_drake.recording.mcap.message_decoders import decode_transform, frame_name
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import get_timestamp
 from poil_drake.recording.ros_bag.bag import CAMERA_INFO, TRANSFORMS, BagMessage, RosBag
-from poil_drake.recording.ros_bag.frame_links import FrameLinks
 from poil_drake.recording.ros_bag.messages import (
     convert_calibration,
     convert_image,
@@ -77,16 +80,17 @@ def import_ros_bag(
     world = frame_name(world)
     with RosBag(path) as bag, whole_file(Path(output)) as stream:
         chosen = choose_topics(bag, cameras, topics or {})
-        writer = _Writer(McapSink(stream), chosen, world=world, poses=poses)
+        writer = _Writer(McapSink(stream), chosen, posed=poses is not None)
         transforms = [name for name, topic in bag.topics.items() if topic.type == TRANSFORMS]
-        for message in bag.messages([*chosen.values(), *(transforms if poses is None else [])]):
-            try:
+        for message in bag.messages([*chosen.values(), *transforms]):
+            with _named(f"{bag.path}, topic {message.topic}"):
                 writer.add(message)
-            except InvalidValueError as error:
-                raise DemonstrationError(
-                    f"{bag.path}, topic {message.topic}: {error.problem}", remedy=error.remedy
-                ) from error
-        writer.links.require_connected(writer.frames, world=world, source=str(bag.path))
+        for name in cameras:
+            if poses is None:
+                writer.require_pose(bag, name, world)
+            else:
+                with _named(f"{bag.path}, camera '{name}'"):
+                    writer.add_pose(name, world, poses[name])
         writer.finish(
             {
                 CAMERAS_KEY: json.dumps(list(cameras)),
@@ -110,23 +114,19 @@ def import_ros_bag(
 class _Writer:
     """Converts the messages of a bag and writes them.
 
-    Attributes:
-        links: The transforms that were written.
-        frames: The optical frame of each camera, by its name.
+    Args:
+        sink: Where to write.
+        chosen: The bag's topic for each topic of the demonstration.
+        posed: Whether the cameras' poses are given; then the transforms are not written.
     """
 
-    def __init__(
-        self,
-        sink: McapSink,
-        chosen: Mapping[str, str],
-        *,
-        world: str,
-        poses: Mapping[str, np.ndarray] | None,
-    ):
-        self._sink, self._chosen, self._world, self._poses = sink, chosen, world, poses
+    def __init__(self, sink: McapSink, chosen: Mapping[str, str], *, posed: bool):
+        self._sink, self._chosen, self._posed = sink, chosen, posed
         self._own = {topic: own for own, topic in chosen.items()}
-        self._encoder, self._calibrations = MessageEncoder(), dict[str, tuple]()
-        self.links, self.frames = FrameLinks(), dict[str, str]()
+        self._calibrations: dict[str, CameraCalibration] = {}
+        self._frames: dict[str, str] = {}  # In the bag, by topic of the calibration.
+        self._tree = FrameTree()
+        self._log_time = 0
 
     def add(self, message: BagMessage) -> None:
         """Writes a message.
@@ -134,48 +134,104 @@ class _Writer:
         Raises:
             InvalidValueError: if it cannot be converted.
         """
+        self._log_time = message.log_time
         if message.type == TRANSFORMS:
-            for stamped in message.content.transforms:
-                transform = convert_transform(stamped)
-                parent, child = transform.parent_frame_id, transform.child_frame_id
-                self.links.add(parent=frame_name(parent), child=frame_name(child))
-                self._write(TRANSFORM_TOPIC, transform, message.log_time)
+            self._add_transforms(message)
         elif message.type == CAMERA_INFO:
             self._add_calibration(message)
         else:
-            self._write(self._own[message.topic], convert_image(message.content), message.log_time)
+            self._write(self._own[message.topic], convert_image(message.content))
+
+    def require_pose(self, bag: RosBag, name: str, world: str) -> None:
+        """Raises a DemonstrationError unless the transforms give the pose of a camera."""
+        own = camera_topic(name, "calibration")
+        frame = self._frames[own]
+        if not self._tree.connected(base=world, frame=frame):
+            raise DemonstrationError(
+                f"{bag.path}: no transform connects frame '{world}' with frame '{frame}' of camera "
+                f"'{name}'. The frames in the bag: {self._tree.listing()}.",
+                remedy="Name the frame that is the scenario's world with --world; or record "
+                "/tf_static, too; or take the poses from a scenario's cameras with --scenario.",
+            )
+        users = [topic for topic, other in self._frames.items() if other == frame]
+        if len(users) > 1 and not all(topic.startswith(f"/camera/{name}/") for topic in users):
+            raise DemonstrationError(
+                f"{bag.path}: several cameras have the same frame, '{frame}': {', '.join(users)}.",
+                remedy="Give each camera's driver another name and record again, or take the poses "
+                "from a scenario's cameras with --scenario.",
+            )
+
+    def add_pose(self, name: str, world: str, X_WC: np.ndarray) -> None:
+        """Writes the pose of a camera, and of its depth images if they have a calibration.
+
+        Raises:
+            InvalidValueError: if no transform connects colour and depth.
+        """
+        color, depth = (camera_topic(name, kind) for kind in ("calibration", "depth_calibration"))
+        self._write_pose(world, _own_frame(color), X_WC)
+        if depth in self._frames:
+            X_CD = self._tree.pose(
+                base=self._frames[color], frame=self._frames[depth], stamp=self._log_time
+            )
+            self._write_pose(_own_frame(color), _own_frame(depth), X_CD)
 
     def finish(self, metadata: Mapping[str, str]) -> None:
         """Writes the metadata and closes the file."""
         self._sink.add_metadata({**version_metadata(), **metadata})
         self._sink.close()
 
-    def _add_calibration(self, message: BagMessage) -> None:
-        """Writes a calibration, and the camera's pose if that is given, unless it is unchanged."""
-        own = self._own[message.topic]
-        name = own.split("/")[2]
-        image = image_name(self._chosen[camera_topic(name, "image")]).rpartition("/")[2]
-        # image_proc and the drivers call rectified images e.g. image_rect_color.
-        calibration = convert_calibration(message.content, rectified="rect" in image)
-        if self._poses is not None:  # The drivers may use one name for the frames of all cameras.
-            calibration.frame_id = optical_frame(name)
-        c = calibration
-        content = (c.frame_id, c.width, c.height, c.distortion_model, tuple(c.D), tuple(c.K))
-        if content == self._calibrations.get(name):
-            return
-        self._calibrations[name] = content
-        self.frames[name] = frame_name(c.frame_id)
-        self._write(own, calibration, message.log_time)
-        if self._poses is not None:
-            self.links.add(parent=self._world, child=c.frame_id)
-            pose = self._encoder.transform(
-                self._poses[name],
-                parent=self._world,
-                child=c.frame_id,
-                stamp=get_timestamp(c, default=message.log_time),
+    def _add_transforms(self, message: BagMessage) -> None:
+        static = message.topic.endswith(STATIC_TRANSFORM_TOPIC)
+        for stamped in message.content.transforms:
+            transform = convert_transform(stamped)
+            self._tree.add(
+                parent=frame_name(transform.parent_frame_id),
+                child=frame_name(transform.child_frame_id),
+                stamp=get_timestamp(transform, default=0),
+                log_time=message.log_time,
+                X_PC=decode_transform(transform),
+                static=static,
             )
-            self._sink.write(TRANSFORM_TOPIC, pose, time=message.log_time)
+            if not self._posed:
+                self._write(STATIC_TRANSFORM_TOPIC if static else TRANSFORM_TOPIC, transform)
 
-    def _write(self, own: str, message: Any, log_time: int) -> None:
+    def _add_calibration(self, message: BagMessage) -> None:
+        """Writes a calibration, unless it is the same as the last one."""
+        own = self._own[message.topic]
+        image = own.replace("depth_calibration", "depth").replace("calibration", "image")
+        # image_proc and the drivers call rectified images e.g. image_rect_color.
+        rectified = "rect" in image_name(self._chosen[image]).rpartition("/")[2]
+        calibration = convert_calibration(message.content, rectified=rectified)
+        self._frames[own] = frame_name(calibration.frame_id)
+        if self._posed:  # In the bag, the frames of two cameras may have one name.
+            calibration.frame_id = _own_frame(own)
+        last = self._calibrations.get(own)
+        if last is not None:
+            last.timestamp.CopyFrom(calibration.timestamp)
+        if calibration != last:
+            self._calibrations[own] = calibration
+            self._write(own, calibration)
+
+    def _write(self, own: str, message: Any) -> None:
         encoded = EncodedMessage(type(message), message.SerializeToString())
-        self._sink.write(own, encoded, time=log_time)
+        self._sink.write(own, encoded, time=self._log_time)
+
+    def _write_pose(self, parent: str, child: str, X_PC: np.ndarray) -> None:
+        stamp = self._log_time
+        pose = MessageEncoder().transform(X_PC, parent=parent, child=child, stamp=stamp)
+        self._sink.write(STATIC_TRANSFORM_TOPIC, pose, time=stamp)
+
+
+def _own_frame(calibration: str) -> str:
+    """Returns the frame of a topic of calibrations whose camera's pose is given."""
+    _, _, name, kind = calibration.split("/")
+    return optical_frame(name if kind == "calibration" else f"{name}_depth")
+
+
+@contextmanager
+def _named(source: str) -> Iterator[None]:
+    """Turns an InvalidValueError into a DemonstrationError that names its source."""
+    try:
+        yield
+    except InvalidValueError as error:
+        raise DemonstrationError(f"{source}: {error.problem}", remedy=error.remedy) from error

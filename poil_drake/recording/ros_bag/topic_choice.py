@@ -8,8 +8,13 @@ from poil_drake.recording.demonstration.layout import camera_topic
 from poil_drake.recording.ros_bag.bag import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, RosBag
 
 _IMAGES = (IMAGE, COMPRESSED_IMAGE)
-_TYPES = {"image": _IMAGES, "depth": _IMAGES, "label": _IMAGES, "calibration": (CAMERA_INFO,)}
-_OPTIONAL = ("label",)
+_TYPES = {
+    "image": _IMAGES,
+    "depth": _IMAGES,
+    "label": _IMAGES,
+    "calibration": (CAMERA_INFO,),
+    "depth_calibration": (CAMERA_INFO,),
+}
 
 # Parts of the topics of the drivers of RealSense, ZED, Azure Kinect and OpenNI cameras.
 _KINDS = (
@@ -33,8 +38,8 @@ def choose_topics(
     Args:
         bag: An open bag.
         cameras: The prefix of each camera's topics, by the camera's name. Colour, depth and, if
-            there are any, label images are found by type and name. The calibration is the topic
-            `camera_info` beside the colour images.
+            there are any, label images are found by type and name, and the calibrations as
+            `camera_info` beside the images.
         given: Topics that are not guessed, e.g. {"left/depth": "/left/registered/image_raw"}.
 
     Raises:
@@ -54,13 +59,16 @@ def choose_topics(
             )
     chosen: dict[str, str] = {}
     for name, prefix in cameras.items():
-        for kind in _TYPES:  # Colour is first, because the calibration is beside it.
-            topic = given.get(f"{name}/{kind}")
-            if topic is None and kind == "calibration":
-                color = image_name(chosen[camera_topic(name, "image")])
-                topic = f"{color.rpartition('/')[0]}/camera_info"
-            elif topic is None:
-                topic = _guess(bag, name, kind, prefix)
+        topics = {kind: given.get(f"{name}/{kind}") for kind in _TYPES}
+        for kind in _PREFERRED:
+            topics[kind] = topics[kind] or _guess(bag, name, kind, prefix)
+        color, depth = str(topics["image"]), str(topics["depth"])
+        topics["calibration"] = topics["calibration"] or _beside(color)
+        # Depth that its driver has registered to colour has the calibration of colour.
+        own = _beside(depth)
+        if own in bag.topics and own != _beside(color) and not _PREFERRED["depth"].search(depth):
+            topics["depth_calibration"] = topics["depth_calibration"] or own
+        for kind, topic in topics.items():
             if topic is not None:
                 _check(bag, name, kind, topic)
                 chosen[camera_topic(name, kind)] = topic
@@ -79,6 +87,11 @@ def image_name(topic: str) -> str:
     return topic.removesuffix("/compressed").removesuffix("/compressedDepth")
 
 
+def _beside(image: str) -> str:
+    """Returns the topic of the calibration of a topic of images."""
+    return f"{image_name(image).rpartition('/')[0]}/camera_info"
+
+
 def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
     """Returns the topic of a kind of image; None if it is missing and optional."""
     prefix = f"/{prefix.strip('/')}/"
@@ -90,7 +103,7 @@ def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
                 fitting.setdefault(image, []).append(topic)
     preferred = [image for image in fitting if _PREFERRED[kind].search(image[len(prefix) :])]
     images = preferred or list(fitting)
-    if not images and kind in _OPTIONAL:
+    if not images and kind == "label":
         return None
     if len(images) != 1:
         found = f"both {' and '.join(images)} have" if images else f"no topic under {prefix} has"
