@@ -1,8 +1,10 @@
 """ROS 2 bags of two RealSense cameras, written with a library that the package does not use."""
 
 import sqlite3
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from mcap.reader import make_reader
 from mcap_ros2.writer import Writer
 from scipy.spatial.transform import Rotation
 from small_frames import HEIGHT, WIDTH, K, camera, image
+
+MakeImage = Callable[[np.ndarray, int, str], tuple[str, Any]]
 
 _HEADER = """\
 ===
@@ -73,6 +77,16 @@ def compressed_depth(millimetres: np.ndarray, stamp: int, frame: str) -> tuple[s
     return compressed_image("16UC1; compressedDepth png", bytes(12) + png.tobytes(), stamp, frame)
 
 
+def compressed_float_depth(millimetres: np.ndarray, stamp: int, frame: str) -> tuple[str, Any]:
+    """Returns a 32FC1 depth image as that transport quantizes it: 1 / z = (pixel - b) / a."""
+    a, b = 100.0 * 101.0, 1.0 - 100.0 * 101.0 / 10.0  # Its defaults: 10 m, quantization 100.
+    metres = np.where(millimetres > 0, millimetres / 1000.0, np.inf)
+    pixels = np.where(millimetres > 0, a / metres + b, 0.0).astype(np.uint16)
+    _, png = cv2.imencode(".png", pixels)
+    data = struct.pack("<iff", 0, a, b) + png.tobytes()
+    return compressed_image("32FC1; compressedDepth png", data, stamp, frame)
+
+
 def camera_info(
     K: np.ndarray, size: tuple[int, int], stamp: int, frame: str, **fields: Any
 ) -> tuple[str, Any]:
@@ -118,10 +132,19 @@ class RosRecording:
     start: int = 1_764_500_000_000_000_000
 
     @classmethod
-    def of_small_frames(cls, names: tuple[str, ...] = ("left", "right"), frames: int = 5):
-        """Returns a recording of the images of `small_frames`, at 8 Hz."""
+    def of_small_frames(
+        cls, *, color: MakeImage | None = None, depth: MakeImage | None = None
+    ) -> "RosRecording":
+        """Returns a recording of five images of `small_frames`, at 8 Hz.
+
+        `color` and `depth` make a message from pixels (depth in [mm]), stamp [ns] and frame.
+        """
+        make_color, make_depth = (
+            color or partial(raw_image, "rgb8"),
+            depth or partial(raw_image, "16UC1"),
+        )
         dut = cls()
-        for name in names:
+        for name in ("left", "right"):
             optical, link = f"{name}_color_optical_frame", f"{name}_link"
             # As the driver has it: the camera's body looks along x, its optical frame along z.
             X_LO = np.eye(4)
@@ -129,16 +152,16 @@ class RosRecording:
             X_WL = camera(name).X_WC @ np.linalg.inv(X_LO)
             dut.add("/tf_static", 0, transforms(dut.start, ("world", link, X_WL)))
             dut.add("/tf_static", 0, transforms(dut.start, (link, optical, X_LO)))
-            for i in range(frames):
+            for i in range(5):
                 time = i * 10**9 // 8
                 stamp, view = dut.start + time, image(i, stamp=i / 8)
                 millimetres = np.rint(1000 * view.depth).astype("<u2")
                 for topic, content in (
-                    ("color/image_raw", raw_image("rgb8", view.rgb, stamp, optical)),
+                    ("color/image_raw", make_color(view.rgb, stamp, optical)),
                     ("color/camera_info", camera_info(K, (WIDTH, HEIGHT), stamp, optical)),
                     (
                         "aligned_depth_to_color/image_raw",
-                        raw_image("16UC1", millimetres, stamp, optical),
+                        make_depth(millimetres, stamp, optical),
                     ),
                 ):
                     dut.add(f"/{name}/{topic}", time + 10_000_000, content)
@@ -148,16 +171,9 @@ class RosRecording:
         """Adds a message that is logged `time` [ns] after the start."""
         self.messages.append((topic, self.start + time, *message))
 
-    def edit(self, topic: str, change: Callable[[Any], tuple[str, Any] | Any]) -> None:
-        """Replaces the contents of a topic's messages, or types and contents."""
-        for i, (name, time, kind, content) in enumerate(self.messages):
-            if name == topic:
-                changed = change(content)
-                self.messages[i] = (
-                    (name, time, *changed)
-                    if isinstance(changed, tuple)
-                    else (name, time, kind, changed)
-                )
+    def edit(self, topic: str, change: Callable[[Any], Any]) -> None:
+        """Replaces the contents of a topic's messages."""
+        self.messages = [(*m[:3], change(m[3])) if m[0] == topic else m for m in self.messages]
 
     def drop(self, topic: str) -> None:
         """Removes a topic."""

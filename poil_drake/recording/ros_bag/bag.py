@@ -132,7 +132,7 @@ class RosBag:
                 entries.append(f"{name} ({entry})")
         others = len(self.topics) - len(entries)
         return f"The bag holds {', '.join(entries) or 'no topic of ' + ', '.join(READ_TYPES)}" + (
-            f"; and {others} topics of other types." if others else "."
+            f"; and {others} of other types." if others else "."
         )
 
 

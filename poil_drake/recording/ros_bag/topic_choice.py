@@ -24,7 +24,7 @@ _KINDS = (
     ("image", re.compile("")),
 )
 _PREFERRED = {
-    "image": re.compile("colou?r|rgb"),
+    "image": re.compile("(^|/)(colou?r|rgb)"),
     "depth": re.compile("aligned|registered|_to_(color|rgb)"),
     "label": re.compile(""),
 }
@@ -94,7 +94,7 @@ def _beside(image: str) -> str:
 
 def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
     """Returns the topic of a kind of image; None if it is missing and optional."""
-    prefix = f"/{prefix.strip('/')}/"
+    prefix = f"/{prefix.strip('/')}/".replace("//", "/")
     fitting: dict[str, list[str]] = {}  # The topics of each stream: raw, compressed.
     for topic, (message_type, messages) in bag.topics.items():
         if message_type in _IMAGES and topic.startswith(prefix) and messages > 0:
