@@ -78,5 +78,5 @@ def _stamped(message: Any, header: Any) -> Any:
 
 
 def _set_stamp(message: Any, header: Any) -> None:
-    message.timestamp.seconds, message.timestamp.nanos = header.stamp.sec, header.stamp.nanosec
+    message.timestamp.FromNanoseconds(header.stamp.sec * 10**9 + header.stamp.nanosec)
     message.timestamp.SetInParent()

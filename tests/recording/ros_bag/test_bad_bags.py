@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from ros_bags import RosRecording, transforms
 
 from poil_drake.errors import DemonstrationError
+from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.ros_bag.bag import RosBag
 from poil_drake.recording.ros_bag.bag_import import import_ros_bag
 
@@ -148,3 +149,43 @@ def test_damaged_bags_are_refused_or_read(bytes_of_bags, tmp_path_factory, data,
 
     with contextlib.suppress(DemonstrationError), RosBag(path) as dut:
         assert len(list(dut.messages(dut.topics))) <= 34
+
+
+SIZES = st.sampled_from([0, 1, 23, 24, 33, 2**31, 2**32 - 1])
+FIELDS = {
+    COLOR: {"width": SIZES, "height": SIZES, "step": SIZES, "encoding": st.text(max_size=8)},
+    DEPTH: {"width": SIZES, "height": SIZES, "step": SIZES, "data": st.binary(max_size=9)},
+    INFO: {
+        **{"width": SIZES, "height": SIZES, "distortion_model": st.text(max_size=8)},
+        "d": st.lists(st.floats(), max_size=15),
+        "k": st.lists(st.floats(), min_size=9, max_size=9),
+    },
+}
+HEADERS = st.builds(
+    lambda sec, nanosec, frame: {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame},
+    st.integers(-(2**31), 2**31 - 1),
+    st.integers(0, 2**32 - 1),
+    st.text(max_size=8),
+)
+
+
+@given(data=st.data(), topic=st.sampled_from(sorted(FIELDS)))
+def test_odd_messages_are_refused_or_imported(tmp_path_factory, data, topic):
+    recording = RosRecording.of_small_frames()
+    fields = FIELDS[topic] | {"header": HEADERS}
+    name = data.draw(st.sampled_from(sorted(fields)))
+    value = data.draw(fields[name])
+    if data.draw(st.booleans()):
+        recording.edit(topic, lambda old: old | {name: value})
+    else:
+        odd = data.draw(st.integers(0, 4))
+        numbers = iter(range(5))
+        recording.edit(topic, lambda old: old | ({name: value} if next(numbers) == odd else {}))
+    bag = recording.write_mcap(tmp_path_factory.mktemp("odd") / "bag.mcap")
+
+    with contextlib.suppress(DemonstrationError):
+        import_ros_bag(bag, bag.with_name("demo.mcap"), cameras={"left": "/left"})
+        frames = load_demonstration(bag.with_name("demo.mcap")).frames
+        for i in range(len(frames)):
+            with contextlib.suppress(DemonstrationError):
+                _ = frames[i]
