@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import zstandard
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from mcap.reader import make_reader
 from ros_bags import (
@@ -52,7 +53,7 @@ def check_small_frames(dut: Demonstration, recording: RosRecording) -> None:
             np.testing.assert_array_equal(model.K, K)
 
 
-@pytest.mark.parametrize("form", ["mcap", "folder", "db3", "without metadata", "in parts"])
+@pytest.mark.parametrize("form", ["mcap", "folder", "db3", "zstd", "killed", "in parts"])
 def test_bags_of_any_form(recording, tmp_path, form):
     if form == "mcap":
         bag = recording.write_mcap(tmp_path / "bag.mcap")
@@ -60,7 +61,15 @@ def test_bags_of_any_form(recording, tmp_path, form):
         bag = recording.write_db3(tmp_path / "bag")
     else:
         bag = recording.write_folder(tmp_path / "bag")
-    if form == "without metadata":  # Its recorder was killed.
+    if form == "zstd":
+        data = (bag / "bag_0.mcap").read_bytes()
+        (bag / "bag_0.mcap.zstd").write_bytes(zstandard.compress(data))
+        text = (bag / "metadata.yaml").read_text().replace("bag_0.mcap", "bag_0.mcap.zstd")
+        text = text.replace("compression_format: ''", "compression_format: zstd")
+        text = text.replace("compression_mode: ''", "compression_mode: FILE")
+        (bag / "metadata.yaml").write_text(text)
+        (bag / "bag_0.mcap").unlink()
+    elif form == "killed":
         (bag / "metadata.yaml").unlink()
     elif form == "in parts":
         (bag / "metadata.yaml").unlink()
