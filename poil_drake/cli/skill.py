@@ -128,6 +128,14 @@ def demo_import(
         Path | None,
         typer.Option("--scenario", help="Take the cameras' poses from a scenario, not from /tf."),
     ] = None,
+    start: Annotated[
+        float,
+        typer.Option("--start", help="Leave out what is earlier [s since the first image]."),
+    ] = 0.0,
+    end: Annotated[
+        float,
+        typer.Option("--end", help="Leave out what is later [s since the first image]."),
+    ] = math.inf,
 ) -> None:
     """Import a ROS bag. Without --camera, say what is in it."""
     if scenario is not None and world is not None:
@@ -137,30 +145,25 @@ def demo_import(
 
     require_writable(output, inputs=(bag, scenario))
     cameras = pairs(camera or [], option="camera")
-    topics = pairs(topic or [], option="topic")
-    labels = label_numbers(label or [])
-    if scenario is None:
-        imported = import_ros_bag(
-            bag,
-            output,
-            cameras=cameras,
-            topics=topics,
-            label_ids=labels,
-            world=world or WORLD_FRAME,
-        )
-    else:
-        from poil_drake.diagrams.demonstration.ros_import import ImportRosBag
+    poses = None
+    if scenario is not None:
+        from poil_drake.diagrams.demonstration.camera_poses import CameraPoses
 
-        imported = ImportRosBag(
-            bag,
-            output,
-            choose_scenario(scenario, None, None),
-            cameras=cameras,
-            topics=topics,
-            label_ids=labels,
-        )
+        poses = CameraPoses(choose_scenario(scenario, None, None), cameras)
+    imported = import_ros_bag(
+        bag,
+        output,
+        cameras=cameras,
+        topics=pairs(topic or [], option="topic"),
+        label_ids=label_numbers(label or []),
+        world=world or WORLD_FRAME,
+        poses=poses,
+        start=start,
+        end=end,
+    )
+    width = max(map(len, imported.topics))
     for own, found in imported.topics.items():
-        typer.echo(f"{own:<26} {found}")
+        typer.echo(f"{own:<{width}}  {found}")
     typer.echo(f"imported {imported.frames} frames ({imported.duration:.1f} s) to {output}")
 
 

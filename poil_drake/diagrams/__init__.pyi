@@ -1,5 +1,5 @@
+from .demonstration.camera_poses import CameraPoses as CameraPoses
 from .demonstration.recorder import RecordDemonstration as RecordDemonstration
-from .demonstration.ros_import import ImportRosBag as ImportRosBag
 from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.closed_loop import MakeClosedLoop as MakeClosedLoop
 from .replay.replay import Replay as Replay

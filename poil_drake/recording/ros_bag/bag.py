@@ -18,7 +18,8 @@ COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
 TRANSFORMS = "tf2_msgs/msg/TFMessage"
 
-READ_TYPES = (IMAGE, COMPRESSED_IMAGE, CAMERA_INFO, TRANSFORMS)
+IMAGES = (IMAGE, COMPRESSED_IMAGE)
+READ_TYPES = (*IMAGES, CAMERA_INFO, TRANSFORMS)
 """The types of messages that a demonstration is made of."""
 
 _ROS_1 = ".bag"

@@ -4,14 +4,13 @@ import re
 from collections.abc import Mapping
 
 from poil_drake.errors import DemonstrationError
-from poil_drake.recording.demonstration.layout import camera_topic
-from poil_drake.recording.ros_bag.bag import CAMERA_INFO, COMPRESSED_IMAGE, IMAGE, RosBag
+from poil_drake.recording.demonstration.layout import CAMERA_TOPIC, camera_topic
+from poil_drake.recording.ros_bag.bag import CAMERA_INFO, IMAGE, IMAGES, RosBag
 
-_IMAGES = (IMAGE, COMPRESSED_IMAGE)
 _TYPES = {
-    "image": _IMAGES,
-    "depth": _IMAGES,
-    "label": _IMAGES,
+    "image": IMAGES,
+    "depth": IMAGES,
+    "label": IMAGES,
     "calibration": (CAMERA_INFO,),
     "depth_calibration": (CAMERA_INFO,),
 }
@@ -51,6 +50,12 @@ def choose_topics(
             f"{bag.path}: no camera is named. {bag.listing()}",
             remedy="Name each camera and the prefix of its topics, e.g. --camera left=/left.",
         )
+    for name in cameras:
+        if CAMERA_TOPIC.fullmatch(camera_topic(name, "image")) is None:
+            raise DemonstrationError(
+                f"'{name}' cannot be the name of a camera, because it would be part of a topic.",
+                remedy="Use letters, digits, '_' and '-'.",
+            )
     keys = [f"{name}/{kind}" for name in cameras for kind in _TYPES]
     for key in given:
         if key not in keys:
@@ -97,7 +102,7 @@ def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
     prefix = f"/{prefix.strip('/')}/".replace("//", "/")
     fitting: dict[str, list[str]] = {}  # The topics of each stream: raw, compressed.
     for topic, (message_type, messages) in bag.topics.items():
-        if message_type in _IMAGES and topic.startswith(prefix) and messages > 0:
+        if message_type in IMAGES and topic.startswith(prefix) and messages > 0:
             image = image_name(topic)
             if kind == next(k for k, part in _KINDS if part.search(image[len(prefix) :].lower())):
                 fitting.setdefault(image, []).append(topic)

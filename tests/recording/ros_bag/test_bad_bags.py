@@ -102,6 +102,16 @@ def test_the_frame_of_raw_depth_must_be_connected(recording, tmp_path):
     assert "/camera/left/depth_calibration" in said
 
 
+def test_an_index_that_does_not_fit_the_messages(recording, tmp_path):
+    bag = recording.write_folder(tmp_path / "bag")
+    recording.drop(INFO)
+    recording.write_mcap(bag / "bag_0.mcap")
+
+    said = refusal(bag)
+
+    assert f"its index counts messages of {INFO}, but there are none" in said
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [

@@ -278,3 +278,10 @@ def test_images_without_stamps_use_the_times_of_logging(recording, tmp_path):
     dut = load(recording, tmp_path)
 
     np.testing.assert_allclose(dut.stamps, recording.start / 1e9 + 0.01 + np.arange(5) / 8)
+
+
+def test_the_start_and_the_end_can_be_left_out(recording, tmp_path):
+    dut = load(recording, tmp_path, start=0.1, end=0.3)
+
+    np.testing.assert_array_equal(dut.stamps, recording.start / 1e9 + np.array([0.125, 0.25]))
+    np.testing.assert_array_equal(dut.frames[1].images[1].rgb, image(2, stamp=0.25).rgb)

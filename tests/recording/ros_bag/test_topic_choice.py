@@ -150,6 +150,7 @@ def test_given_topics_replace_guesses():
     ("bag", "cameras", "given", "said"),
     [
         (REALSENSE, {}, {}, "no camera is named. The bag holds 8 topics. Name each camera"),
+        (REALSENSE, {"cell/left": "/left"}, {}, "'cell/left' cannot be the name of a camera"),
         (REALSENSE, {"left": "/lef"}, {}, "no topic under /lef/ has the image of camera 'left'"),
         (REALSENSE, {"left": "/left/color"}, {}, "no topic under /left/color/ has the depth of"),
         (REALSENSE, {"left": "/left"}, {"lft/depth": "/a"}, "lft/depth names no topic of a camera"),
