@@ -66,7 +66,14 @@ def merge_yaml(
     if isinstance(node, Mapping):
         fields = _fields(schema)
         if fields is not None:
-            default = default if type(default) is schema else schema()
+            if type(default) is not schema:
+                required = _required(schema)
+                if missing := [name for name in required if name not in node]:
+                    raise ScenarioError(
+                        f"'{path}' has no '{missing[0]}'.",
+                        remedy="Add it to the scenario.",
+                    )
+                default = schema if required else schema()
             return _merge_structure(node, fields, default, path, unknown)
         if base in (dict, Mapping):
             merged = dict(default or {})
@@ -111,7 +118,10 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
 def _merge_structure(
     node: Mapping, fields: Mapping[str, Any], default: Any, path: str, unknown: list[str] | None
 ) -> Any:
-    """Returns a copy of `default`, a dataclass or one of Drake's types, with the node's values."""
+    """Returns a copy of `default`, a dataclass or one of Drake's types, with the node's values.
+
+    If `default` is a dataclass itself, not an instance, it is constructed with the node's values.
+    """
     values = {}
     for key, value in node.items():
         place = f"{path}.{key}" if path else key
@@ -129,10 +139,12 @@ def _merge_structure(
             unknown.append(place)
             continue
         values[key] = merge_yaml(
-            value, fields[key], getattr(default, key), path=place, unknown=unknown
+            value, fields[key], getattr(default, key, None), path=place, unknown=unknown
         )
-    if dataclasses.is_dataclass(default) and not isinstance(default, type):
+    if dataclasses.is_dataclass(default):
         try:
+            if isinstance(default, type):
+                return default(**values)
             return dataclasses.replace(default, **values)
         except ScenarioError:
             raise
@@ -160,6 +172,18 @@ def _fields(schema: Any) -> dict[str, Any] | None:
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)
     return None if fields is None else {f.name: f.type for f in fields}
+
+
+def _required(schema: Any) -> list[str]:
+    """Returns the names of a dataclass's fields that have no default."""
+    if not dataclasses.is_dataclass(schema):
+        return []
+    missing = dataclasses.MISSING
+    return [
+        f.name
+        for f in dataclasses.fields(schema)
+        if f.default is missing and f.default_factory is missing
+    ]
 
 
 def _tag(member: type) -> str:
