@@ -23,7 +23,7 @@ _WANTED = {
     float: "a number or a fraction such as 1/8",
     int: "a whole number",
     bool: "true or false",
-    np.ndarray: "a list of numbers",
+    np.ndarray: "a list of finite numbers",
     list: "a list",
     tuple: "a list",
     dict: "a mapping of names to values",
@@ -94,7 +94,8 @@ def merge_yaml(
     elif base not in (list, tuple, dict, Mapping):
         try:
             value = _scalar_or_array(node, schema)
-            if schema not in (float, np.ndarray) or not np.isnan(value).any():
+            invalid = {float: np.isnan, np.ndarray: lambda array: ~np.isfinite(array)}.get(schema)
+            if invalid is None or not np.any(invalid(value)):
                 return value
         except (ValueError, TypeError, ArithmeticError):
             pass
@@ -105,6 +106,8 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
     """Returns a node converted to a type; raises an error if the node's meaning would change."""
     given = type(node)
     if schema is np.ndarray and given in (list, int, float):
+        if not all(type(value) in (int, float) for value in np.array(node, dtype=object).flat):
+            raise TypeError
         return np.array(node, dtype=float)
     if schema is float and given is str and "/" in node:
         return float(Fraction(node))
