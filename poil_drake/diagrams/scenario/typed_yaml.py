@@ -94,8 +94,7 @@ def merge_yaml(
     elif base not in (list, tuple, dict, Mapping):
         try:
             value = _scalar_or_array(node, schema)
-            invalid = {float: np.isnan, np.ndarray: lambda array: ~np.isfinite(array)}.get(schema)
-            if invalid is None or not np.any(invalid(value)):
+            if schema is not float or not np.isnan(value):
                 return value
         except (ValueError, TypeError, ArithmeticError):
             pass
@@ -108,7 +107,7 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
     if schema is np.ndarray and given in (list, int, float):
         if not all(type(value) in (int, float) for value in np.array(node, dtype=object).flat):
             raise TypeError
-        return np.array(node, dtype=float)
+        return np.asarray_chkfinite(node, dtype=float)
     if schema is float and given is str and "/" in node:
         return float(Fraction(node))
     if given is schema or (schema is float and given in (int, str)):

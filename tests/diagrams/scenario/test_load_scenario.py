@@ -135,7 +135,7 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ),
         (
             "{cameras: {left: {X_PB: {translation: !Uniform {min: [1, 2, 3]}}}}}",
-            "X_PB.translation' is '!Uniform', but a list of numbers or a mapping with one of the "
+            "X_PB.translation' is '!Uniform', but a list of finite numbers or a mapping with one of the "
             "tags !DeterministicVector, !GaussianVector, !UniformVector is needed",
         ),
         (
