@@ -135,8 +135,8 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ),
         (
             "{cameras: {left: {X_PB: {translation: !Uniform {min: [1, 2, 3]}}}}}",
-            "X_PB.translation' is '!Uniform', but a list of finite numbers or a mapping with one of the "
-            "tags !DeterministicVector, !GaussianVector, !UniformVector is needed",
+            "X_PB.translation' is '!Uniform', but a list of finite numbers or a mapping with one "
+            "of the tags !DeterministicVector, !GaussianVector, !UniformVector is needed",
         ),
         (
             "{cameras: {left: {X_PB: {translation: !UniformVector {min: [1, 2], max: [3, 4]}}}}}",
