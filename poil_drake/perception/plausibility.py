@@ -9,12 +9,14 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame
 
 _MIN_POINTS = 100  # Fewer points do not tell.
 _MAX_POINTS = 20_000  # about; more would only take longer
-_LEAST_SEEN, _CLEARLY_SEEN = 0.05, 0.2  # share of a camera's points that lie on the table
+_CLEARLY_SEEN = 0.2  # share of a camera's points that lie on the table
+_CLEARLY_MORE = 4.0  # ratio of this share to that with the camera's own unit and pose
+_LEAST_SEEN = 0.01  # share of the camera that sees most of the table
 _TABLE_TOLERANCE = 0.03  # [m], for the error of a camera's pose ...
 _DEPTH_TOLERANCE = 0.02  # ... and as a share of the depth, for the error of depth
 # Without a known table: what a depth camera can see, and how deep a floor can be below the robot.
 _LARGEST_DEPTH = 20.0  # [m]
-_LOWEST_FLOOR = -2.0  # [m]
+_LOWEST_FLOOR, _HIGHEST_TABLE = -2.0, 2.0  # [m]
 
 # Ratio of wrong to right depth, and its cause.
 _UNITS = (
@@ -38,10 +40,11 @@ _POSE_REMEDY = (
 def check_plausible(frame: MultiViewFrame, *, table_height: float | None = None) -> None:
     """Checks that depth units and camera poses can be right.
 
-    With a known table, a camera is wrong if hardly any of its points lie on the table, but many
-    would with another unit of depth or another convention of the pose. Without it, a camera is
-    wrong if it measures more than 20 m, if its points lie 2 m below the world's origin, or if it
-    looks up and would see a horizontal plane below it with another convention.
+    With a known table, a camera is wrong if far more of its points would lie on the table with
+    another unit of depth or another convention of the pose; all cameras together are wrong if none
+    sees the table. Without it, a camera is wrong if it measures more than 20 m, if
+    its points lie 2 m below the world's origin, or if it looks up and would see a horizontal plane
+    below it with another convention.
 
     Args:
         frame: The first frame.
@@ -50,6 +53,8 @@ def check_plausible(frame: MultiViewFrame, *, table_height: float | None = None)
     Raises:
         CaptureError: naming the camera and the likely cause.
     """
+    seen: list[float] = []
+    heights: list[np.ndarray] = []
     for camera, image in zip(frame.cameras, frame.images, strict=True):
         step = int(np.ceil(np.sqrt(image.depth.size / _MAX_POINTS)))
         mask = np.zeros(image.depth.shape, dtype=bool)
@@ -60,11 +65,24 @@ def check_plausible(frame: MultiViewFrame, *, table_height: float | None = None)
         if table_height is None:
             _check_without_table(camera, points)
         else:
-            _check_with_table(camera, points, table_height)
+            seen.append(_check_with_table(camera, points, table_height))
+            heights.append(transform_points(camera.X_WC, points)[:, 2])
+    if seen and max(seen) < _LEAST_SEEN:
+        share, height = _flattest(np.concatenate(heights), below=_HIGHEST_TABLE)
+        raise CaptureError(
+            f"No camera sees the table at {table_height:g} m. {share:.0%} of all points are about "
+            f"{height:.2f} m high.",
+            remedy="Set poil.table_height to the height of the surface on which the objects stand, "
+            "or correct the poses of the cameras.",
+        )
 
 
-def _check_with_table(camera: CameraModel, points: np.ndarray, table: float) -> None:
-    """Checks a camera by its points (N, 3) [m, optical frame] and the table's height [m, world]."""
+def _check_with_table(camera: CameraModel, points: np.ndarray, table: float) -> float:
+    """Checks a camera by its points (N, 3) [m, optical frame] and the table's height [m, world].
+
+    Returns:
+        The share of the points that lie on the table.
+    """
 
     def seen(points: np.ndarray, X_WC: np.ndarray) -> float:
         tolerance = _TABLE_TOLERANCE + _DEPTH_TOLERANCE * points[:, 2]
@@ -72,19 +90,18 @@ def _check_with_table(camera: CameraModel, points: np.ndarray, table: float) -> 
         return float(np.mean(on_table))
 
     own = seen(points, camera.X_WC)
-    if own >= _LEAST_SEEN:
-        return
     found = [(seen(points / ratio, camera.X_WC), cause, _UNIT_REMEDY) for ratio, cause in _UNITS]
     found += [(seen(points, X), cause, _POSE_REMEDY) for X, cause in _other_poses(camera)]
     share, cause, remedy = max(found)
-    if share >= _CLEARLY_SEEN:
-        raise CaptureError(
-            f"Camera '{camera.name}' has {own:.0%} of its points on the table at {table:g} m; its "
-            f"median depth is {np.median(points[:, 2]):.3g} m, and their median height is "
-            f"{_median_height(points, camera.X_WC):.3g} m. {share:.0%} would lie on the table if "
-            f"{cause}.",
-            remedy=remedy,
-        )
+    if share < max(_CLEARLY_SEEN, _CLEARLY_MORE * own):
+        return own
+    raise CaptureError(
+        f"Camera '{camera.name}' has {own:.0%} of its points on the table at {table:g} m; its "
+        f"median depth is {np.median(points[:, 2]):.3g} m, and their median height is "
+        f"{_median_height(points, camera.X_WC):.3g} m. {share:.0%} would lie on the table if "
+        f"{cause}.",
+        remedy=remedy,
+    )
 
 
 def _check_without_table(camera: CameraModel, points: np.ndarray) -> None:
@@ -100,7 +117,7 @@ def _check_without_table(camera: CameraModel, points: np.ndarray) -> None:
     if height < camera.X_WC[2, 3] or camera.X_WC[2, 2] < 0.0:
         return
     found = [
-        (_flatness(transform_points(X, points)[:, 2], below=X[2, 3]), cause)
+        (_flattest(transform_points(X, points)[:, 2], below=X[2, 3])[0], cause)
         for X, cause in _other_poses(camera)
     ]
     share, cause = max(found)
@@ -127,8 +144,9 @@ def _median_height(points: np.ndarray, X_WC: np.ndarray) -> float:
     return float(np.median(transform_points(X_WC, points)[:, 2]))
 
 
-def _flatness(heights: np.ndarray, *, below: float) -> float:
-    """Returns the largest share of heights (N,) [m] within one table's tolerance, below a limit."""
-    edges = np.arange(_LOWEST_FLOOR, below, _TABLE_TOLERANCE)
-    counts = np.histogram(heights, bins=edges)[0] if len(edges) > 2 else np.zeros(2)
-    return float((counts[:-1] + counts[1:]).max()) / len(heights) if len(counts) > 1 else 0.0
+def _flattest(heights: np.ndarray, *, below: float) -> tuple[float, float]:
+    """Returns the largest share of heights (N,) [m] near one height, and this height [m]."""
+    edges = np.arange(_LOWEST_FLOOR, max(below, 0.0) + 2 * _TABLE_TOLERANCE, _TABLE_TOLERANCE)
+    counts = np.histogram(heights[heights < below], bins=edges)[0]
+    pairs = counts[:-1] + counts[1:]
+    return float(pairs.max()) / len(heights), float(edges[np.argmax(pairs) + 1])
