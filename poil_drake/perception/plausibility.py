@@ -108,7 +108,7 @@ def _check_without_table(camera: CameraModel, points: np.ndarray) -> None:
     """Checks a camera by its points (N, 3) [m, optical frame] alone."""
     depth, height = float(np.median(points[:, 2])), _median_height(points, camera.X_WC)
     if depth > _LARGEST_DEPTH or height < _LOWEST_FLOOR:
-        ratio, cause = _UNITS[0] if depth > 10 * _LARGEST_DEPTH else _UNITS[1]
+        _, cause = _UNITS[0] if depth > 10 * _LARGEST_DEPTH else _UNITS[1]
         raise CaptureError(
             f"Camera '{camera.name}' measures a median depth of {depth:.3g} m, so that its points "
             f"have a median height of {height:.3g} m in the world. Probably {cause}.",

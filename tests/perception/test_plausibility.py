@@ -87,7 +87,7 @@ def test_the_pose_of_another_frame_is_named(known, R, cause, elevation):
 def test_a_pose_that_is_inverted_is_named(elevation):
     X_WC, depth = view(elevation, (0.2, 0.0, 0.8))
 
-    with pytest.raises(CaptureError, match="Camera 'left' .*the world in the camera"):
+    with pytest.raises(CaptureError, match=r"Camera 'left' .*the world in the camera"):
         check_plausible(frame((np.linalg.inv(X_WC), depth)), table_height=0.0)
 
 

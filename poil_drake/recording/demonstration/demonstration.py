@@ -11,8 +11,8 @@ from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueErro
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.plausibility import check_plausible
 from poil_drake.recording.demonstration.contents import CameraContents, Contents, collect
-from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, median_period
+from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
     STATIC_TRANSFORM_TOPIC,
