@@ -45,9 +45,10 @@ NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_t
         (
             [
                 *("run", "--hardware", "--scenario_text"),
-                "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}}}}}",
+                "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}, "
+                "right: !LcmImages {labels: false}}}}}",
             ],
-            "which camera 'left' does not provide",
+            "which none of the cameras left, right provides",
         ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
         (["demo", "import", "missing.mcap", "--camera", "left=/left"], "missing.mcap cannot be"),

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from poil_drake.errors import DemonstrationError, InvalidValueError
+from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError
 from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.plausibility import check_plausible
 from poil_drake.recording.demonstration.contents import CameraContents, Contents, collect
-from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, median_period
+from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.layout import (
     CAMERAS_KEY,
     STATIC_TRANSFORM_TOPIC,
@@ -87,6 +88,22 @@ class Demonstration:
         """The time from the first to the last frame [s]."""
         return float(np.ptp(self.stamps))
 
+    def check_plausible(self, *, table_height: float | None = None) -> None:
+        """Checks by the first frame that units of depth and camera poses can be right.
+
+        Args:
+            table_height: Height of the table [m, world]; None if it is not known.
+
+        Raises:
+            DemonstrationError: if they cannot, or if the frame cannot be decoded.
+        """
+        try:
+            check_plausible(self.frames[0], table_height=table_height)
+        except CaptureError as error:
+            raise DemonstrationError(
+                f"{self.name}: {error.problem}", remedy=error.remedy
+            ) from error
+
 
 def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:
     """Loads a demonstration in the layout of docs/demonstration_format.md.
@@ -122,8 +139,7 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
         path, list(zip(*views, strict=True)), parse_label_ids(path, contents.metadata)
     )
     demonstration = Demonstration(frames, contents.metadata, contents.scenario_text, name=str(path))
-    # Decoding one frame finds wrong encodings and sizes now rather than in the middle of a job.
-    _ = demonstration.cameras
+    demonstration.check_plausible()
     return demonstration
 
 

@@ -75,16 +75,15 @@ def _check_topic(path: Path, topic: str, images: Sequence[StoredImage]) -> None:
             f"{path}: {zeros} of {len(stamps)} messages of topic {topic} have the stamp 0, but the "
             f"message {'after' if before == 0 else 'before'} it has {to_seconds(before or after)} "
             "s.",
-            remedy="Fill in these stamps, or remove the messages, e.g. with `mcap filter` and its "
-            "option --start if they are the first ones. If all stamps are 0, the times of logging "
-            "are used.",
+            remedy="Fill in these stamps, or cut these messages off, e.g. with `mcap filter`. If "
+            "all stamps of a topic are 0, the times of logging are used.",
         )
     gap = abs(after - before) * 1e-9
     raise DemonstrationError(
         f"{path}: the stamps of topic {topic} jump {'back' if after < before else 'ahead'} by "
         f"{gap:.3f} s after {to_seconds(before)} s.",
         remedy="Record again without setting the clock meanwhile, or cut the recording there, e.g. "
-        "with `mcap filter`. If all stamps are 0, the times of logging are used.",
+        "with `mcap filter`. If all stamps of a topic are 0, the times of logging are used.",
     )
 
 

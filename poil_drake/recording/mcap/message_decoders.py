@@ -3,6 +3,7 @@
 Calibrations and images may also be ROS messages of the same name, which have the same fields.
 """
 
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ ImageMessage: TypeAlias = Any
 """A `foxglove.RawImage` or `foxglove.CompressedImage`, or an Image or CompressedImage of ROS."""
 
 MILLIMETRES_PER_METRE = 1000.0
+
+_LENGTH_TOLERANCE = 0.1  # of a unit quaternion; for those written with few digits
 
 # Colour encodings of a RawImage: number of channels, and OpenCV's conversion to RGB.
 _RAW_COLOR = {
@@ -240,13 +243,14 @@ def decode_transform(message: FrameTransform) -> np.ndarray:
     """Returns the (4, 4) pose of the child frame in the parent frame [m].
 
     Raises:
-        InvalidValueError: if the quaternion is zero or a value is not finite.
+        InvalidValueError: if a value is not finite, or the quaternion's length is not about 1.
     """
     p, q = message.translation, message.rotation
     quaternion = np.array([q.x, q.y, q.z, q.w])
     X_PC = np.eye(4)
     X_PC[:3, 3] = [p.x, p.y, p.z]
-    if not np.all(np.isfinite([*quaternion, *X_PC[:3, 3]])) or not np.any(quaternion):
+    length = math.hypot(*quaternion)
+    if not np.all(np.isfinite(X_PC)) or not abs(length - 1.0) < _LENGTH_TOLERANCE:
         raise InvalidValueError(
             f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is not "
             f"rigid: translation {X_PC[:3, 3].tolist()}, quaternion {quaternion.tolist()}.",

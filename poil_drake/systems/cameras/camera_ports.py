@@ -85,7 +85,7 @@ class CameraPorts:
         images = tuple(image for image in found if image is not None)
         if len(images) < len(found):
             return None
-        labelled = all(image.label is not None for image in images)
+        labelled = any(image.label is not None for image in images)
         return MultiViewFrame(
             cameras=self._cameras,
             images=images,

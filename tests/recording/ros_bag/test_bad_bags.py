@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from ros_bags import RosRecording, transforms
 
@@ -179,6 +179,7 @@ HEADERS = st.builds(
 )
 
 
+@settings(max_examples=40)
 @given(data=st.data(), topic=st.sampled_from(sorted(FIELDS)))
 def test_odd_messages_are_refused_or_imported(tmp_path_factory, data, topic):
     recording = RosRecording.of_small_frames()

@@ -263,7 +263,7 @@ def test_given_poses_replace_the_transforms(recording, tmp_path):
         recording.edit(
             topic, lambda info: info | {"header": info["header"] | {"frame_id": "color_frame"}}
         )
-    poses = {"left": np.diag([1.0, -1.0, -1.0, 1.0]), "right": np.eye(4)}
+    poses = {"left": camera("over there").X_WC, "right": camera("elsewhere").X_WC}
 
     dut = load(recording, tmp_path, poses=poses)
 
