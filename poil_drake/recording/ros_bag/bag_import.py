@@ -108,11 +108,11 @@ def import_ros_bag(
         try:
             demonstration = load_demonstration(stream.name)
         except DemonstrationError as error:
-            sources = ", ".join(f"{own} is {topic}" for own, topic in chosen.items())
-            raise DemonstrationError(
-                f"{error.problem.replace(stream.name, str(bag.path))} In the bag, {sources}.",
-                remedy=error.remedy,
-            ) from error
+            problem = error.problem.replace(stream.name, str(bag.path))
+            named = [f"{own} is {topic}" for own, topic in chosen.items() if own in problem]
+            if named:
+                problem += f" In the bag, {', '.join(named)}."
+            raise DemonstrationError(problem, remedy=error.remedy) from error
     return ImportedBag(chosen, len(demonstration.frames), demonstration.duration)
 
 

@@ -24,7 +24,7 @@ _KINDS = (
 )
 _PREFERRED = {
     "image": re.compile("(^|/)(colou?r|rgb)"),
-    "depth": re.compile("aligned|registered|_to_(color|rgb)"),
+    "depth": re.compile("registered|_to_(color|rgb)"),
     "label": re.compile(""),
 }
 

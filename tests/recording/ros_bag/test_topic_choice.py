@@ -37,6 +37,7 @@ REALSENSE = FakeBag(
         "/left/color/image_raw",
         "/left/depth/image_rect_raw",
         "/left/aligned_depth_to_color/image_raw",
+        "/left/aligned_depth_to_infra1/image_raw",
         "/left/infra1/image_rect_raw",
     ],
     infos=[
@@ -149,7 +150,7 @@ def test_given_topics_replace_guesses():
 @pytest.mark.parametrize(
     ("bag", "cameras", "given", "said"),
     [
-        (REALSENSE, {}, {}, "no camera is named. The bag holds 8 topics. Name each camera"),
+        (REALSENSE, {}, {}, "no camera is named. The bag holds 9 topics. Name each camera"),
         (REALSENSE, {"cell/left": "/left"}, {}, "'cell/left' cannot be the name of a camera"),
         (REALSENSE, {"left": "/lef"}, {}, "no topic under /lef/ has the image of camera 'left'"),
         (REALSENSE, {"left": "/left/color"}, {}, "no topic under /left/color/ has the depth of"),
