@@ -115,7 +115,8 @@ class BagConverter:
     def _add_calibration(self, message: BagMessage) -> None:
         """Writes a calibration, unless it is the same as the last one."""
         own = self._own[message.topic]
-        image = own.replace("depth_calibration", "depth").replace("calibration", "image")
+        _, _, name, kind = own.split("/")
+        image = camera_topic(name, "image" if kind == "calibration" else "depth")
         # image_proc and the drivers call rectified images e.g. image_rect_color.
         rectified = "rect" in image_name(self._chosen[image]).rpartition("/")[2]
         calibration = convert_calibration(message.content, rectified=rectified)

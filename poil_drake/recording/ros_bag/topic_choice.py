@@ -106,7 +106,7 @@ def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
             image = image_name(topic)
             if kind == next(k for k, part in _KINDS if part.search(image[len(prefix) :].lower())):
                 fitting.setdefault(image, []).append(topic)
-    preferred = [image for image in fitting if _PREFERRED[kind].search(image[len(prefix) :])]
+    preferred = [i for i in fitting if _PREFERRED[kind].search(i[len(prefix) :].lower())]
     images = preferred or list(fitting)
     if not images and kind == "label":
         return None

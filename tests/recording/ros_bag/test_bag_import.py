@@ -22,6 +22,7 @@ from ros_bags import (
 from small_frames import HEIGHT, WIDTH, K, camera, image
 
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
+from poil_drake.recording.ros_bag.bag import RosBag
 from poil_drake.recording.ros_bag.bag_import import import_ros_bag
 
 COLOR, DEPTH = "/left/color/image_raw", "/left/aligned_depth_to_color/image_raw"
@@ -118,6 +119,8 @@ def test_bags_of_ros_1(recording, tmp_path):
             data = ros1.serialize_ros1(build(kind, content), kind)
             writer.write(connections[topic], time, data)
 
+    with RosBag(tmp_path / "bag.bag") as dut:
+        assert f"{COLOR} (5 sensor_msgs/msg/Image in frame '{FRAME}')" in dut.listing()
     import_ros_bag(
         tmp_path / "bag.bag",
         tmp_path / "demo.mcap",
