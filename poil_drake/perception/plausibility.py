@@ -42,7 +42,7 @@ def check_plausible(frame: MultiViewFrame, *, table_height: float | None = None)
 
     With a known table, a camera is wrong if far more of its points would lie on the table with
     another unit of depth or another convention of the pose; all cameras together are wrong if none
-    sees the table. Without it, a camera is wrong if it measures more than 20 m, if
+    sees the table or anything else. Without it, a camera is wrong if it measures more than 20 m, if
     its points lie 2 m below the world's origin, or if it looks up and would see a horizontal plane
     below it with another convention.
 
@@ -67,6 +67,12 @@ def check_plausible(frame: MultiViewFrame, *, table_height: float | None = None)
         else:
             seen.append(_check_with_table(camera, points, table_height))
             heights.append(transform_points(camera.X_WC, points)[:, 2])
+    if table_height is not None and not seen:
+        raise CaptureError(
+            "No camera measures depth.",
+            remedy="Check that the cameras look at the table from where they can measure it: their "
+            "X_PB is the pose of the optical frame, whose z axis points into the image.",
+        )
     if seen and max(seen) < _LEAST_SEEN:
         share, height = _flattest(np.concatenate(heights), below=_HIGHEST_TABLE)
         raise CaptureError(

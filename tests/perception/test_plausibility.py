@@ -120,7 +120,10 @@ def test_a_table_that_no_camera_sees_is_named():
     assert "poil.table_height" in e.value.remedy
 
 
-def test_views_without_depth_are_not_judged():
+def test_a_view_without_depth_is_not_judged():
     X_WC, depth = view()
 
-    check_plausible(frame((X_WC, 0.0 * depth)), table_height=0.0)
+    check_plausible(frame(view(), (X_WC, 0.0 * depth)), table_height=0.0)
+    check_plausible(frame((X_WC, 0.0 * depth)))
+    with pytest.raises(CaptureError, match="No camera measures depth"):
+        check_plausible(frame((X_WC, 0.0 * depth)), table_height=0.0)

@@ -129,6 +129,13 @@ def test_a_busy_recorder_that_logs_late_is_no_jump(foreign):
     assert len(foreign.load().frames) == 20
 
 
+@pytest.mark.parametrize("speed", [0.5, 0.9, 1.02])
+def test_a_simulation_may_be_slower_or_faster_than_the_recorder(foreign, speed):
+    restamp(foreign, lambda topic, i: 100.0 + i / 8 * speed + (0.2 if topic == TOPICS[0] else 0.0))
+
+    assert len(foreign.load().frames) >= 16
+
+
 def test_log_times_of_a_conversion_do_not_count(foreign):
     # A converter logged the messages one after the other within 40 ms.
     restamp(foreign, lambda topic, i: true(i) - (0.1 if "right" in topic else 0.0))
