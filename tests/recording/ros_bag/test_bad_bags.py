@@ -112,6 +112,14 @@ def test_an_index_that_does_not_fit_the_messages(recording, tmp_path):
     assert f"its index counts messages of {INFO}, but there are none" in said
 
 
+def test_a_bag_that_is_not_imported_is_recognized(recording, tmp_path):
+    recording.write_db3(tmp_path / "bag")
+
+    for bag in (recording.write_mcap(tmp_path / "bag.mcap"), tmp_path / "bag" / "bag_0.db3"):
+        with pytest.raises(DemonstrationError, match="poil demo import"):
+            load_demonstration(bag)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
