@@ -29,7 +29,7 @@ from poil_drake.recording.demonstration.live_recorder import LABEL_WAIT, LiveRec
 from poil_drake.reports.contact_sheet import contact_sheet
 from poil_drake.reports.progress import StatusLine
 from poil_drake.runtime.held_signals import HeldSignals
-from poil_drake.runtime.output_files import require_writable
+from poil_drake.runtime.output_files import require_new, require_writable
 from poil_drake.systems.skill.stop_requests import StopSwitch, terminal_stop_key
 from poil_drake.systems.visualization.camera_preview import CameraPreview
 
@@ -42,7 +42,8 @@ _KEYS = b" \r\n"  # Space and Enter.
 _TICK = 0.02  # [s] between two looks at keys and errors.
 _SHOW = 0.25  # [s] between two changes of the page and the status line.
 
-_WAITING, _READY, _RECORDING, _SAVED = "waiting for cameras", "ready", "recording", "saved"
+_WAITING, _SAVED = "waiting for cameras", "saved"
+_READY, _RECORDING = "ready: Space starts", "recording: Space stops"
 
 
 def RecordFromCameras(
@@ -80,15 +81,12 @@ def RecordFromCameras(
     Raises:
         ScenarioError: if the scenario has no cameras, or they cannot be used.
         StationError: naming the cameras that deliver nothing within `poil.hardware.ready_timeout`.
-        DemonstrationError: if the file exists or could not be completed, nothing was recorded, or
-            the recording is no demonstration, e.g. because a camera stopped before its end.
+        OutputError: if the file exists.
+        DemonstrationError: if the file could not be completed, nothing was recorded, or the
+            recording is no demonstration, e.g. because a camera stopped before its end.
     """
     path = Path(path)
-    if path.exists():
-        raise DemonstrationError(
-            f"{path} exists already, and a recording is never overwritten.",
-            remedy="Choose another file, or move this one away.",
-        )
+    require_new(path)
     require_writable(path)
     if not scenario.cameras:
         raise ScenarioError(
@@ -120,8 +118,8 @@ def RecordFromCameras(
         for seconds in range(countdown, 0, -1):
             desk.run(str(seconds), timeout=1.0)
         stopped: BaseException | None = None
+        recorder.start()
         try:
-            recorder.start()
             before = desk.presses
             desk.run(
                 _RECORDING,
@@ -254,7 +252,8 @@ class _Desk:
         if state == _RECORDING:
             megabytes = self._path.stat().st_size / 1e6
             free = shutil.disk_usage(self._path.parent).free / 1e9
-            parts = [f"{state} {elapsed:.1f} s, {megabytes:.0f} MB ({free:.0f} GB free)"]
+            seconds = elapsed * self._time_scale
+            parts = [f"{state}, {seconds:.1f} s", f"{megabytes:.0f} MB, {free:.0f} GB free"]
         parts += [self._text(name) for name in self._threads]
         self._line(" | ".join(parts))
 
@@ -312,24 +311,25 @@ def _finish(
     """
     records = recorder.records
     stamps = [stamp for record in records.values() for stamp in record.stamps]
+    for name, record in records.items():
+        print(f"{name:<10} {_counts(recorder, threads[name], name)}, {record.rate:.1f} per second")
+    if not stamps:
+        path.unlink(missing_ok=True)
     if recorder.error is not None:
         reason = getattr(recorder.error, "strerror", None) or recorder.error
         span = max(stamps) - min(stamps) if stamps else 0.0
         raise DemonstrationError(
             f"The recording stopped after {span:.1f} s, because {path} could not be written "
-            f"({reason}). The images that are in it can be loaded.",
+            f"({reason}). {'Its images can be loaded' if stamps else 'It has no image'}.",
             remedy="Make room on the disk, or choose a file on another disk, and record again.",
         ) from recorder.error
     if not stamps:
-        path.unlink(missing_ok=True)
         if stopped is not None:
             return None
         raise DemonstrationError(
             f"No camera delivered an image during the recording, so {path} was not written.",
             remedy="Check the cameras, and record again.",
         )
-    for name, record in records.items():
-        print(f"{name:<10} {_counts(recorder, threads[name], name)}, {record.rate:.1f} per second")
     print(f"recording  {path}", flush=True)
     recording = load_demonstration(path)
     if picture is not None:

@@ -116,7 +116,7 @@ class LiveRecorder:
             lossless: Whether colour is not compressed as JPEG and depth is not rounded to
                 millimetres, which makes the file ten times larger.
         """
-        self._cameras = {camera.name: camera for camera in cameras}
+        self._path, self._cameras = Path(path), {camera.name: camera for camera in cameras}
         self._open = partial(
             DemonstrationWriter,
             path,
@@ -142,11 +142,16 @@ class LiveRecorder:
         """Creates the file, and begins to record.
 
         Raises:
-            DemonstrationError: if the file exists.
-            OSError: if it cannot be created.
+            OutputError: if the file exists.
+            OSError: if it cannot be written, e.g. because the disk is full; it is then removed.
         """
+        try:
+            writer = self._open()
+        except OSError:
+            self._path.unlink(missing_ok=True)
+            raise
         self._thread = threading.Thread(
-            target=self._run, args=(self._open(),), name="live_recorder", daemon=True
+            target=self._run, args=(writer,), name="live_recorder", daemon=True
         )
         self._thread.start()
         with self._lock:

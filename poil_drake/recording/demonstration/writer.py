@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from poil_drake.recording.mcap.library_versions import version_metadata
 from poil_drake.recording.mcap.message_encoder import ColorEncoding, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
-from poil_drake.runtime.output_files import whole_file
+from poil_drake.runtime.output_files import new_file, whole_file
 
 _LIVE_CHUNK = 1 << 16
 """How much of a live recording is written at once [bytes, before compression]: less than an image,
@@ -53,8 +53,9 @@ class DemonstrationWriter:
         live: Whether the recording is live.
 
     Raises:
-        DemonstrationError: if a live recording's file exists; on exit, if fewer than two frames
-            were written and the recording is not live.
+        DemonstrationError: on exit, if fewer than two frames were written and the recording is not
+            live.
+        OutputError: if a live recording's file exists.
     """
 
     def __init__(
@@ -79,7 +80,7 @@ class DemonstrationWriter:
         self._encoder = MessageEncoder(color=color, exact_depth=exact_depth)
         self._file = ExitStack()
         if live:
-            self._sink = McapSink(_new_file(self._path), chunk_size=_LIVE_CHUNK)
+            self._sink = McapSink(new_file(self._path), chunk_size=_LIVE_CHUNK)
             self._sink.add_metadata({LIVE_KEY: "true", **self._description()})
         else:
             self._sink = McapSink(self._file.enter_context(whole_file(self._path)))
@@ -168,16 +169,6 @@ class DemonstrationWriter:
             LABEL_IDS_KEY: json.dumps(self._label_ids),
             WORLD_FRAME_KEY: WORLD_FRAME,
         }
-
-
-def _new_file(path: Path) -> BinaryIO:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        return path.open("xb")
-    except FileExistsError as error:
-        raise DemonstrationError(
-            f"{path} exists already.", remedy="Choose another file, or move this one away."
-        ) from error
 
 
 def _same(camera: CameraModel, other: CameraModel | None) -> bool:

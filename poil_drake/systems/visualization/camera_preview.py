@@ -14,8 +14,8 @@ from poil_drake.systems.visualization.meshcat_overlay import MeshcatOverlay
 _PATH = "cameras"
 """The Meshcat path below which everything is drawn."""
 
-_POINTS = 15_000  # of each camera; the page receives 24 bytes for each point.
-_POINT_SIZE = 0.004  # [m]
+_POINTS = 30_000  # of each camera; the page receives 24 bytes for each point.
+_POINT_SIZE = 0.007  # [m]
 _VIEW_DEPTH = 0.12  # [m] Height of the pyramid that marks a camera.
 _COLORS = (
     Rgba(1.0, 0.25, 0.0),

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -25,11 +26,13 @@ WIDTH, HEIGHT = 64, 48
 FPS = 30.0
 
 
-def scenario_text(url: str, sources: str = "", *, ready_timeout: float = 60.0) -> str:
+def scenario_text(
+    url: str, sources: str = "", *, robot_url: str = "memq://", ready_timeout: float = 60.0
+) -> str:
     """Returns the YAML of small cameras "left" and "right" with sources and LCM network `url`."""
     size = f"width: {WIDTH}, height: {HEIGHT}"
     return (
-        f"{{lcm_buses: {{images: {{lcm_url: '{url}'}}}}, "
+        f"{{lcm_buses: {{robot: {{lcm_url: '{robot_url}'}}, images: {{lcm_url: '{url}'}}}}, "
         f"cameras: {{left: {{{size}}}, right: {{{size}}}}}, "
         "poil: {safety: {image_age_limit: 0.4}, "
         f"hardware: {{ready_timeout: {ready_timeout}, cameras: {{{sources}}}}}}}}}"
@@ -124,7 +127,7 @@ def write_playback(path: Path, camera: CameraModel, count: int) -> str:
     return f"!McapPlayback {{file: '{path}', loop: true}}"
 
 
-def small_scenario(url: str, sources: str = "", **options: float) -> Scenario:
+def small_scenario(url: str, sources: str = "", **options: Any) -> Scenario:
     return ChooseScenario(data=scenario_text(url, sources, **options))
 
 

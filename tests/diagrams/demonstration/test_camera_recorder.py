@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from live_cameras import (
     FPS,
+    HEIGHT,
+    WIDTH,
     camera_models,
     images_of,
     lcm_sender,
@@ -29,10 +31,16 @@ from network_bench import free_url
 
 from poil_drake.diagrams.demonstration import camera_recorder
 from poil_drake.diagrams.demonstration.camera_recorder import BUTTON, RecordFromCameras
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import DemonstrationError, StationError
+from poil_drake.perception.images import RgbdImage
 from poil_drake.recording.demonstration.demonstration import load_demonstration
+from poil_drake.runtime.output_files import OutputError
+from poil_drake.systems.cameras.lcm_image_messages import decode_images
+from poil_drake.systems.lcm.network import LcmNetwork
 
 PATIENCE = 600.0  # [s]; only a failing test waits that long.
+READY, RECORDING = "ready: Space starts", "recording: Space stops"
 NO_LABELS = "left: !LcmImages {labels: false}, right: !LcmImages {labels: false}"
 
 
@@ -200,8 +208,8 @@ def test_the_button_starts_and_stops(
     def click(desk: camera_recorder._Desk) -> None:
         states.append(desk._shown)
         recorded = len(desk._recorder.records["left"].stamps)
-        is_ready = desk._shown == "ready" and states.count("ready") == 3
-        if is_ready or (desk._shown == "recording" and recorded > 5):
+        is_ready = desk._shown == READY and states.count(READY) == 3
+        if is_ready or (desk._shown == RECORDING and recorded > 5):
             name = BUTTON.encode()
             desk._meshcat._InjectWebsocketMessage(
                 message=b"\x82\xa4type\xa6button\xa4name" + bytes([0xA0 + len(name)]) + name
@@ -216,7 +224,7 @@ def test_the_button_starts_and_stops(
 
     assert len(recording.frames) > 5
     order = list(dict.fromkeys(state for state in states if state != "waiting for cameras"))
-    assert order == ["ready", "click", "1", "recording", "saved"]
+    assert order == [READY, "click", "1", RECORDING, "saved"]
 
 
 def test_keys_start_and_stop(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -226,7 +234,7 @@ def test_keys_start_and_stop(url: str, tmp_path: Path, monkeypatch: pytest.Monke
     def press(desk: camera_recorder._Desk) -> None:
         nonlocal typed
         recorded = len(desk._recorder.records["left"].stamps)
-        if (desk._shown == "ready" and typed == 0) or (recorded > 5 and typed == 1):
+        if (desk._shown == READY and typed == 0) or (recorded > 5 and typed == 1):
             os.write(typing, b"q\n")
             typed += 1
 
@@ -258,7 +266,7 @@ def test_a_recording_is_never_overwritten(url: str, tmp_path: Path) -> None:
     path = tmp_path / "demo.mcap"
     path.write_bytes(b"the last take")
 
-    with pytest.raises(DemonstrationError, match=r"demo\.mcap exists already"):
+    with pytest.raises(OutputError, match=r"demo\.mcap' exists already"):
         RecordFromCameras(small_scenario(url), path, show=False)
 
     assert path.read_bytes() == b"the last take"
@@ -331,3 +339,47 @@ def test_ctrl_c_keeps_a_complete_file(
     assert is_gapless(sent_numbers(recording, "right", sender.sent))
     assert f"recorded {len(recording.frames)} frames" in out
     assert path.with_suffix(".png").stat().st_size > 1000
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_the_file_holds_what_the_simulated_drivers_cameras_sent(url: str, tmp_path: Path) -> None:
+    """The driver's images are also received here, as another program of the laboratory would."""
+    text = scenario_text(url, robot_url=free_url())
+    heard: dict[str, list[RgbdImage]] = {"left": [], "right": []}
+    network = LcmNetwork(url)
+    for name, images in heard.items():
+
+        def hear(message: bytes, images: list[RgbdImage] = images) -> None:
+            images.append(decode_images(message, size=(HEIGHT, WIDTH)))
+
+        network.Subscribe(f"DRAKE_RGBD_CAMERA_IMAGES_{name}", hear)
+    program = Path(sys.executable).with_name("poil")
+    driver = subprocess.Popen([program, "driver", "--scenario_text", text], cwd=tmp_path)
+    try:
+        recording = RecordFromCameras(
+            ChooseScenario(data=text),
+            tmp_path / "demo.mcap",
+            show=False,
+            countdown=0,
+            duration=2.0,
+            lossless=True,
+        )
+    finally:
+        driver.kill()
+        driver.wait()
+    network.HandleSubscriptions(0)
+
+    assert all(image.label is not None for image in recording.frames[0].images)
+    for name, images in heard.items():
+        sent = {round(1e6 * image.stamp): image for image in images}
+        found = {round(1e6 * image.stamp): image for image in images_of(recording, name)}
+        first, last = min(found), max(found)
+        assert list(found) == [stamp for stamp in sent if first <= stamp <= last]
+        assert len(found) > 3
+        for stamp, image in found.items():
+            np.testing.assert_array_equal(image.rgb, sent[stamp].rgb)
+            np.testing.assert_array_equal(image.depth, sent[stamp].depth)
+            assert (image.label is None) == (sent[stamp].label is None)
+            if image.label is not None:
+                np.testing.assert_array_equal(image.label, sent[stamp].label)

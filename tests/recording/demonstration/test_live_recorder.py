@@ -8,7 +8,6 @@ import pytest
 from mcap.reader import make_reader
 from small_frames import camera, image
 
-from poil_drake.errors import DemonstrationError
 from poil_drake.recording.demonstration import live_recorder
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.live_recorder import (
@@ -17,6 +16,7 @@ from poil_drake.recording.demonstration.live_recorder import (
     missing_images,
 )
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
+from poil_drake.runtime.output_files import OutputError
 
 NAMES = ("right", "left")
 FPS = 30.0
@@ -188,7 +188,7 @@ def test_a_file_that_exists_is_not_touched(
 ) -> None:
     (tmp_path / "demo.mcap").write_text("old")
 
-    with pytest.raises(DemonstrationError, match=r"demo\.mcap exists already"):
+    with pytest.raises(OutputError, match=r"demo\.mcap' exists already"):
         make().start()
 
     assert (tmp_path / "demo.mcap").read_text() == "old"
