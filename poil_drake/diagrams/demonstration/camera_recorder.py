@@ -36,7 +36,9 @@ from poil_drake.systems.visualization.camera_preview import CameraPreview
 BUTTON = "Start / stop"
 """The button on the Meshcat page."""
 
-_BUTTON_KEY = "Space"
+BUTTON_KEY = "Space"
+"""The key that presses the button while the page has the focus."""
+
 _KEYS = b" \r\n"  # Space and Enter.
 
 _TICK = 0.02  # [s] between two looks at keys and errors.
@@ -193,7 +195,7 @@ class _Desk:
             numbers = [str(k) for k in range(countdown, 0, -1)]
             texts = [_WAITING, _READY, *numbers, _RECORDING, _SAVED]
             self._preview = CameraPreview(self._meshcat, cameras, texts=texts)
-            self._meshcat.AddButton(BUTTON, _BUTTON_KEY)
+            self._meshcat.AddButton(BUTTON, BUTTON_KEY)
         listening = stack.enter_context(terminal_stop_key(self._switch, keys=_KEYS))
         self.can_press = listening or show
         ways = ["Enter or space"] * listening + [f"the button '{BUTTON}' on the page"] * show
