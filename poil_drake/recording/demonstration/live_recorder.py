@@ -12,12 +12,12 @@ import numpy as np
 
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.recording.demonstration.frame_grouping import median_period
-from poil_drake.recording.demonstration.writer import DemonstrationWriter
-from poil_drake.recording.mcap.message_encoder import ColorEncoding
+from poil_drake.recording.demonstration.writer import DemonstrationWriter, encode_image
+from poil_drake.recording.mcap.message_encoder import ColorEncoding, EncodedMessage, MessageEncoder
 
 _WAITING = 256
 """How many images may wait to be written: 4 s of two cameras at 30 images per second, which take
-0.5 GB at 640 x 480 pixels."""
+0.2 GB at 640 x 480 pixels."""
 
 LABEL_WAIT = 2.0
 """How long the recording of a camera waits for an image with labels [s]."""
@@ -33,6 +33,7 @@ class CameraRecord:
         late: Number of images that arrived with the stamp of an earlier time, and were left out.
         recent: Capture times of the last images, recorded or not [s].
         labelled: Whether an image with labels has arrived, recorded or not.
+        encoded: Whether an image has been chosen for the file.
     """
 
     stamps: list[float] = field(default_factory=list)
@@ -40,6 +41,7 @@ class CameraRecord:
     late: int = 0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=32))
     labelled: bool = False
+    encoded: bool = False
     _first: float | None = None
     _begun: bool = False
 
@@ -80,15 +82,20 @@ def missing_images(stamps: np.ndarray) -> int:
     return int(np.maximum(np.rint(periods) - 1, 0).sum())
 
 
+_Item = tuple[CameraRecord, float, Mapping[str, EncodedMessage]]
+"""The record of a camera, and the stamp [s] and messages of one of its images."""
+
+
 class LiveRecorder:
-    """Writes every image of some cameras to a new demonstration file, on its own thread.
+    """Writes every image of some cameras to a new demonstration file.
 
-    The file is created by `start`; images that arrive before are only counted. If a camera has sent
-    labels before, its recording begins with its next labelled image, because detectors look for
-    labels in the first frame. Each image keeps its own stamp.
+    Each camera's thread encodes its images, and one thread writes them. The file is created by
+    `start`; images that arrive before are only counted. If a camera has sent labels before, its
+    recording begins with its next labelled image, because detectors look for labels in the first
+    frame. Each image keeps its own stamp.
 
-    An image that cannot be written is counted in `CameraRecord.lost`: when the disk is too slow for
-    a long time, or after an error.
+    An image that cannot be written is counted in `CameraRecord.lost`: when the machine is too slow
+    for seconds, or after an error.
 
     Attributes:
         records: What each camera delivered, by name.
@@ -114,7 +121,7 @@ class LiveRecorder:
             label_ids: See `MultiViewFrame.label_ids`.
             scenario_text: The scenario as YAML, kept as an attachment.
             lossless: Whether colour is not compressed as JPEG and depth is not rounded to
-                millimetres, which makes the file ten times larger.
+                millimetres, which makes the file several times larger.
         """
         self._path, self._cameras = Path(path), {camera.name: camera for camera in cameras}
         self._open = partial(
@@ -124,19 +131,16 @@ class LiveRecorder:
             metadata,
             label_ids=label_ids,
             scenario_text=scenario_text,
-            color=ColorEncoding(format="raw") if lossless else None,
-            exact_depth=lossless,
             live=True,
         )
+        color = ColorEncoding(format="raw") if lossless else None
+        self._encoders = {
+            name: MessageEncoder(color=color, exact_depth=lossless) for name in self._cameras
+        }
         self.records = {name: CameraRecord() for name in self._cameras}
         self.error: Exception | None = None
         self._lock, self._started, self._closed = threading.Lock(), False, False
-        self._queue: queue.Queue[tuple[str, RgbdImage] | None] = queue.Queue()
-
-    @property
-    def waiting(self) -> int:
-        """Number of images that wait to be written."""
-        return self._queue.qsize()
+        self._queue: queue.Queue[_Item | None] = queue.Queue()
 
     def start(self) -> None:
         """Creates the file, and begins to record.
@@ -160,27 +164,38 @@ class LiveRecorder:
     def add(self, camera: str, image: RgbdImage) -> None:
         """Records an image, unless recording has not started or has ended. Never waits or raises.
 
-        Any thread may call this, but the images of a camera must come in order.
+        Only one thread may call this for a camera.
         """
         record = self.records[camera]
         with self._lock:
-            if self._closed:
+            if not self._wants(record, image):
                 return
-            earlier = bool(record.recent) and image.stamp <= record.recent[-1]
-            if earlier and not self._started:
-                record.recent.clear()
-            if not (earlier and self._started):
-                record.recent.append(image.stamp)
-            record.labelled |= image.label is not None
-            if not self._started:
-                return
-            if earlier:
-                record.late += 1
-            elif record.begins_with(image):
-                if self.error is None and self._queue.qsize() < _WAITING:
-                    self._queue.put((camera, image))
-                else:
-                    record.lost += 1
+            is_first = not record.encoded
+            record.encoded = True
+        try:
+            model = self._cameras[camera]
+            messages = encode_image(self._encoders[camera], model, image, calibration=is_first)
+        except Exception as error:  # Reported by the thread that waits for the recording.
+            self.error = error
+            record.lost += 1
+        else:
+            self._queue.put((record, image.stamp, messages))
+
+    def _wants(self, record: CameraRecord, image: RgbdImage) -> bool:
+        """Returns whether to record an image, and counts it."""
+        earlier = bool(record.recent) and image.stamp <= record.recent[-1]
+        if self._closed or (earlier and self._started):
+            record.late += not self._closed
+            return False
+        if earlier:  # The clock went back before the recording.
+            record.recent.clear()
+        record.recent.append(image.stamp)
+        record.labelled |= image.label is not None
+        if not (self._started and record.begins_with(image)):
+            return False
+        has_room = self.error is None and self._queue.qsize() < _WAITING
+        record.lost += not has_room
+        return has_room
 
     def close(self) -> None:
         """Writes the images that wait, and completes the file."""
@@ -200,12 +215,17 @@ class LiveRecorder:
         except OSError as error:
             self.error = self.error or error
 
-    def _write(self, writer: DemonstrationWriter, camera: str, image: RgbdImage) -> None:
-        record = self.records[camera]
+    def _write(
+        self,
+        writer: DemonstrationWriter,
+        record: CameraRecord,
+        stamp: float,
+        messages: Mapping[str, EncodedMessage],
+    ) -> None:
         if self.error is None:
             try:
-                writer.write_image(self._cameras[camera], image)
-                record.stamps.append(image.stamp)
+                writer.write_messages(messages, stamp=stamp)
+                record.stamps.append(stamp)
                 return
             except Exception as error:  # Reported by the thread that waits for the recording.
                 self.error = error

@@ -22,7 +22,7 @@ from poil_drake.recording.demonstration.layout import (
     optical_frame,
 )
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_encoder import ColorEncoding, MessageEncoder
+from poil_drake.recording.mcap.message_encoder import ColorEncoding, EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.mcap.timestamps import to_nanoseconds
 from poil_drake.runtime.output_files import new_file, whole_file
@@ -121,23 +121,19 @@ class DemonstrationWriter:
                 remedy="Write the images in chronological order, each only once.",
             )
         self._last_stamps[camera.name] = image.stamp
-        encode, frame_id = self._encoder, optical_frame(camera.name)
-        stamp = to_nanoseconds(image.stamp)
-        messages = {}
-        if not _same(camera, self._written.get(camera.name)):
-            self._written[camera.name] = camera
-            topic = camera_topic(camera.name, "calibration")
-            messages[topic] = encode.calibration(camera, stamp=stamp, frame_id=frame_id)
-            messages[TRANSFORM_TOPIC] = encode.transform(
-                camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
-            )
-        images = {"image": image.rgb, "depth": image.depth, "label": image.label}
-        for kind, pixels in images.items():
-            if pixels is not None:
-                topic = camera_topic(camera.name, kind)
-                messages[topic] = encode.image(kind, pixels, stamp=stamp, frame_id=frame_id)
+        is_new = not _same(camera, self._written.get(camera.name))
+        self._written[camera.name] = camera
+        messages = encode_image(self._encoder, camera, image, calibration=is_new)
+        self.write_messages(messages, stamp=image.stamp)
+
+    def write_messages(self, messages: Mapping[str, EncodedMessage], *, stamp: float) -> None:
+        """Adds the messages of an image with a `stamp` [s], made by `encode_image`.
+
+        Raises:
+            OSError: if the file cannot be written, e.g. because the disk is full.
+        """
         for topic, message in messages.items():
-            self._sink.write(topic, message, time=stamp)
+            self._sink.write(topic, message, time=to_nanoseconds(stamp))
 
     def __enter__(self) -> Self:
         return self
@@ -169,6 +165,26 @@ class DemonstrationWriter:
             LABEL_IDS_KEY: json.dumps(self._label_ids),
             WORLD_FRAME_KEY: WORLD_FRAME,
         }
+
+
+def encode_image(
+    encoder: MessageEncoder, camera: CameraModel, image: RgbdImage, *, calibration: bool
+) -> dict[str, EncodedMessage]:
+    """Returns the messages of an image by topic; with `calibration`, also those of the camera."""
+    frame_id, stamp = optical_frame(camera.name), to_nanoseconds(image.stamp)
+    messages = {}
+    if calibration:
+        topic = camera_topic(camera.name, "calibration")
+        messages[topic] = encoder.calibration(camera, stamp=stamp, frame_id=frame_id)
+        messages[TRANSFORM_TOPIC] = encoder.transform(
+            camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
+        )
+    images = {"image": image.rgb, "depth": image.depth, "label": image.label}
+    for kind, pixels in images.items():
+        if pixels is not None:
+            topic = camera_topic(camera.name, kind)
+            messages[topic] = encoder.image(kind, pixels, stamp=stamp, frame_id=frame_id)
+    return messages
 
 
 def _same(camera: CameraModel, other: CameraModel | None) -> bool:

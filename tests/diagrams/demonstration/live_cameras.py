@@ -62,7 +62,7 @@ class LcmSender:
     """Sends numbered images of cameras from a thread, and can be unplugged.
 
     Attributes:
-        sent: Stamp [us] -> number of each image sent.
+        sent: Stamp [ms] -> number of each image sent.
         plugged: Whether images are sent; clear it to unplug the cameras.
     """
 
@@ -85,9 +85,9 @@ class LcmSender:
             if not self.plugged.is_set():
                 continue
             labelled = self._label_every > 0 and number % self._label_every == 0
-            microseconds = round(1e6 * time.time())
-            image = noise(number, stamp=1e-6 * microseconds, labelled=labelled)
-            self.sent[microseconds] = number
+            milliseconds = round(1e3 * time.time())
+            image = noise(number, stamp=1e-3 * milliseconds, labelled=labelled)
+            self.sent[milliseconds] = number
             for camera in self._cameras:
                 self._lcm.Publish(
                     f"DRAKE_RGBD_CAMERA_IMAGES_{camera}", encode_images(image, camera=camera)
@@ -141,7 +141,8 @@ def sent_numbers(recording: Demonstration, camera: str, sent: dict[int, int]) ->
     """Returns the numbers of a camera's images by their stamps, after comparing every pixel."""
     numbers = []
     for image in images_of(recording, camera):
-        numbers.append(sent[round(1e6 * image.stamp)])
+        numbers.append(sent[round(1e3 * image.stamp)])
+        assert abs(1e3 * image.stamp - round(1e3 * image.stamp)) < 1e-2
         expected = noise(numbers[-1])
         np.testing.assert_array_equal(image.rgb, expected.rgb)
         np.testing.assert_array_equal(image.depth, expected.depth)

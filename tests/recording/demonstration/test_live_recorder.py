@@ -2,6 +2,7 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -122,13 +123,13 @@ def test_images_that_a_slow_disk_cannot_take_are_counted(
     make: Callable[..., LiveRecorder], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go_on = threading.Event()
-    write_image = DemonstrationWriter.write_image
+    write_messages = DemonstrationWriter.write_messages
 
-    def write_slowly(*args: object) -> None:
+    def write_slowly(*args: Any, **stamp: float) -> None:
         go_on.wait()
-        write_image(*args)  # type: ignore[arg-type]
+        write_messages(*args, **stamp)
 
-    monkeypatch.setattr(DemonstrationWriter, "write_image", write_slowly)
+    monkeypatch.setattr(DemonstrationWriter, "write_messages", write_slowly)
     monkeypatch.setattr(live_recorder, "_WAITING", 4)
     dut = make()
     dut.start()
