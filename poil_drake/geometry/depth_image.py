@@ -1,12 +1,12 @@
 """Depth images: units, reliable pixels, points, normals, and views from another camera."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
-from poil_drake.geometry.rigid_transform import inverse
 
 # Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
@@ -179,21 +179,26 @@ def register_depth(
     Returns:
         (height, width) float32 depth along the optical axis of C [m]; 0 where it is unknown.
     """
+    height, width = size
     grid = int(max(K_C[0, 0] / K_D[0, 0], K_C[1, 1] / K_D[1, 1])) + 1
     offsets = (np.arange(grid) + 0.5) / grid - 0.5
     v, u = np.nonzero(np.isfinite(depth) & (depth > 0.0))
     z = depth[v, u].astype(float)
-    registered = np.full(size, np.inf, dtype=np.float32)
-    for du, dv in ((a, b) for a in offsets for b in offsets):
-        rays = np.column_stack([u + du, v + dv, np.ones(len(z))]) @ np.linalg.inv(K_D).T
-        uv, z_C = project(rays * z[:, None], K_C, inverse(X_CD))
-        seen = z_C > 0.0
-        column, row = np.rint(uv[seen]).astype(np.int64).T
-        inside = (row >= 0) & (row < size[0]) & (column >= 0) & (column < size[1])
-        at = (row[inside], column[inside])
-        np.minimum.at(registered, at, z_C[seen][inside].astype(np.float32))
+    # The homogeneous pixel of C is z A (u, v, 1) + b.
+    A, b = K_C @ X_CD[:3, :3] @ np.linalg.inv(K_D), K_C @ X_CD[:3, 3]
+    registered = np.full(height * width, np.inf)
+    for du, dv in product(offsets, offsets):
+        x, y, z_C = (
+            z * (row[0] * (u + du) + row[1] * (v + dv) + row[2]) + shift
+            for row, shift in zip(A, b, strict=True)
+        )
+        divisor = np.where(z_C > 0.0, z_C, np.nan)
+        column, row = np.rint(x / divisor), np.rint(y / divisor)
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        at = (row[inside] * width + column[inside]).astype(np.intp)
+        np.minimum.at(registered, at, z_C[inside])
     registered[np.isinf(registered)] = 0.0
-    return _fill_pinholes(registered)
+    return _fill_pinholes(registered.reshape(size).astype(np.float32))
 
 
 def _fill_pinholes(depth: np.ndarray, relative_jump: float = 0.03) -> np.ndarray:

@@ -97,7 +97,7 @@ def test_a_pose_that_is_inverted_is_named(elevation):
         (1000.0, 0.0, "millimetres, but is read as metres"),
         (1000.0, None, "millimetres, but is read as metres"),
         (10.0, 0.0, "0.1 mm, but is read as 1 mm"),
-        (10.0, None, "0.1 mm, but is read as 1 mm"),
+        (10.0, None, "0.1 mm or 0.25 mm, but is read as 1 mm"),
         (4.0, 0.0, "0.25 mm, but is read as 1 mm"),
         (0.1, 0.0, "1 cm, but is read as 1 mm"),
         (0.001, 0.0, "metres, but is read as millimetres"),
