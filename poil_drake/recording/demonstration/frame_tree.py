@@ -1,5 +1,6 @@
 """Frames, and the recorded transforms between them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -108,8 +109,8 @@ class FrameTree:
                 f"no transform connects frame '{base}' with frame '{frame}'.",
                 remedy="Record a transform between them.",
             )
-        X_RB = self._pose_in_root(base, stamp)
-        pose: np.ndarray = inverse(X_RB) @ self._pose_in_root(frame, stamp)
+        to_base, to_frame = self._paths(base, frame)
+        pose: np.ndarray = inverse(self._pose(to_base, stamp)) @ self._pose(to_frame, stamp)
         return pose
 
     def span(self, *, base: str, frame: str) -> tuple[int, int]:
@@ -119,7 +120,8 @@ class FrameTree:
         """
         moving = [
             stamps
-            for child in (*self._chain(base)[:-1], *self._chain(frame)[:-1])
+            for path in self._paths(base, frame)
+            for child in path
             if len(stamps := self._track(child)[0]) > 1
         ]
         first = max((int(stamps[0]) for stamps in moving), default=_ALWAYS[0])
@@ -132,11 +134,17 @@ class FrameTree:
             chain.append(link.parent)
         return chain
 
-    def _pose_in_root(self, frame: str, stamp: int) -> np.ndarray:
-        X_RF = np.eye(4)
-        for child in self._chain(frame)[:-1]:
-            X_RF = self._pose_in_parent(child, stamp) @ X_RF
-        return X_RF
+    def _paths(self, base: str, frame: str) -> tuple[list[str], list[str]]:
+        """Returns the frames from `base` and from `frame` up to below their common ancestor."""
+        bases, frames = self._chain(base), self._chain(frame)
+        return [f for f in bases if f not in frames], [f for f in frames if f not in bases]
+
+    def _pose(self, path: Sequence[str], stamp: int) -> np.ndarray:
+        """Returns the (4, 4) pose of the first frame of a path in the parent of the last [m]."""
+        X = np.eye(4)
+        for child in path:
+            X = self._pose_in_parent(child, stamp) @ X
+        return X
 
     def _pose_in_parent(self, child: str, stamp: int) -> np.ndarray:
         stamps, poses = self._track(child)
