@@ -4,11 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import interpolate_poses, inverse
 from poil_drake.recording.demonstration.layout import STATIC_TRANSFORM_TOPIC
-from poil_drake.recording.mcap.timestamps import NANOSECONDS_PER_SECOND, to_seconds
+from poil_drake.recording.mcap.message_decoders import decode_transform, frame_name
+from poil_drake.recording.mcap.timestamps import (
+    NANOSECONDS_PER_SECOND,
+    get_timestamp,
+    to_seconds,
+)
 
 _LARGEST_GAP = NANOSECONDS_PER_SECOND
 """Longest time between two transforms, [ns], across which a moving frame is interpolated."""
@@ -71,6 +77,23 @@ class FrameTree:
         link.log_times.append(log_time)
         link.poses.append(X_PC)
         self._tracks.pop(child, None)
+
+    def add_message(
+        self, transform: FrameTransform, *, log_time: int, static: bool = False
+    ) -> None:
+        """Adds the pose in a message; see `add`.
+
+        Raises:
+            InvalidValueError: if the pose or the stamp is invalid.
+        """
+        self.add(
+            parent=frame_name(transform.parent_frame_id),
+            child=frame_name(transform.child_frame_id),
+            stamp=get_timestamp(transform, default=0),
+            X_PC=decode_transform(transform),
+            log_time=log_time,
+            static=static,
+        )
 
     def use_log_times(self) -> None:
         """Uses the times at which the transforms were logged instead of their stamps."""
