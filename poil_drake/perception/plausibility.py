@@ -12,6 +12,7 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 _MIN_POINTS = 100  # Fewer points do not tell.
 _MAX_POINTS = 20_000  # about; more would only take longer
 _CLEARLY_SEEN = 0.2  # share of a camera's points that lie on the table
+_SEEN = 0.1  # share with which the unit of depth must be right
 _CLEARLY_MORE = 4.0  # ratio of this share to that with the camera's own unit and pose
 _LEAST_SEEN = 0.01  # share of the camera that sees most of the table
 _TOLERANCE = 0.03  # [m], for the error of a camera's pose ...
@@ -94,12 +95,14 @@ def _check_table(camera: CameraModel, points: np.ndarray, table: float | None) -
         (_share_on_table(points, X, table), cause, _POSE_REMEDY)
         for X, cause in _other_poses(camera)
     ]
-    if table is not None:  # Any plane looks horizontal if it is shrunk enough.
+    own = _share_on_table(points, camera.X_WC, table)
+    # Any plane looks horizontal if it is shrunk enough, and so does a floor below a seen table.
+    if table is not None and own < _SEEN:
         found += [
             (_share_on_table(points / ratio, camera.X_WC, table), cause, _UNIT_REMEDY)
             for ratio, cause in _UNITS
         ]
-    own, (share, cause, remedy) = _share_on_table(points, camera.X_WC, table), max(found)
+    share, cause, remedy = max(found)
     if share >= max(_CLEARLY_SEEN, _CLEARLY_MORE * own):
         plane = "a horizontal plane below it" if table is None else f"the table at {table:g} m"
         raise CaptureError(

@@ -61,6 +61,11 @@ def test_true_views_are_plausible(known, table, elevation):
     check_plausible(dut, table_height=table if known else None)
 
 
+def test_a_floor_far_below_a_table_that_is_seen_does_not_tell_the_unit():
+    # At a quarter of its depth, the floor would be as high as the table.
+    check_plausible(frame(view(-17.0, (0.8, 0.0, 0.3), wall=9.0)), table_height=0.0)
+
+
 def test_a_camera_that_looks_up_is_plausible_if_nothing_else_is_likelier():
     X_WC, _ = view(25.0)
     rng = np.random.default_rng(0)
