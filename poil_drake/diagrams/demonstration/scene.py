@@ -36,7 +36,7 @@ from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame, by_name
 
 _OWN_MUGS = "package://poil_drake/mugs/"
 _OWN_MUGS_PART = "handle"
@@ -107,7 +107,7 @@ class DemonstrationScene:
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
         """Captures images with noise seeded by `time` [s], and with label images if `labels`."""
         self._context.SetTime(time)
-        images = self._renderer.capture(self._context)
+        images = by_name(self.camera_names, self._renderer.capture(self._context))
         if labels:
             ports = [self._diagram.GetOutputPort(f"{n}.label_image") for n in self.camera_names]
             found = [port.Eval(self._context).data[:, :, 0] for port in ports]

@@ -1,7 +1,7 @@
 """Cameras over LCM: sends the images of simulated ones, and receives those of any."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from poil_drake.errors import CaptureError
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import RgbdImage, by_name
 from poil_drake.runtime.background_thread import Background
 from poil_drake.systems.cameras.delayed_cameras import SceneRenderer
 from poil_drake.systems.cameras.lcm_image_messages import decode_images, encode_images
@@ -55,8 +55,8 @@ class LcmCameraFeed(LeafSystem):
         """Constructs the feed.
 
         Args:
-            renderer: Renders the images.
-            channels: Camera -> LCM channel of its images, in the order of the renderer's images.
+            renderer: Renders the images of exactly these cameras.
+            channels: Camera -> LCM channel of its images.
             url: The URL of the LCM network.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
@@ -90,15 +90,14 @@ class LcmCameraFeed(LeafSystem):
         )
 
     def _send(self, positions: np.ndarray, now: float, stamp: float, labels: bool) -> None:
-        images = self._renderer.render(positions, now)
+        names = list(self._channels)
+        images = by_name(names, self._renderer.render(positions, now))
         found: Sequence[np.ndarray | None] = [None] * len(images)
         if labels:
-            found = self._renderer.render_labels(positions, now)
-        for (name, channel), image, label in zip(
-            self._channels.items(), images, found, strict=True
-        ):
+            found = by_name(names, self._renderer.render_labels(positions, now))
+        for name, image, label in zip(names, images, found, strict=True):
             stamped = replace(image, stamp=stamp, label=label)
-            self._lcm.Publish(channel, encode_images(stamped, camera=name))
+            self._lcm.Publish(self._channels[name], encode_images(stamped, camera=name))
 
 
 class LcmImageDevice:
@@ -108,15 +107,24 @@ class LcmImageDevice:
     `read`, not on the thread that commands the robot. The sender sets the stamps.
     """
 
-    def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
+    def __init__(
+        self,
+        *,
+        url: str,
+        channel: str,
+        size: tuple[int, int],
+        other_cameras: Collection[str] = (),
+    ):
         """Stores the settings; `open` opens the channel.
 
         Args:
             url: The URL of the LCM network.
             channel: The channel of the images.
             size: (height, width) of the images [px].
+            other_cameras: Names of cameras whose images are refused on this channel.
         """
         self._url, self._channel, self._size = url, channel, size
+        self._other_cameras = other_cameras
         self._lcm: LcmNetwork | None = None
         self._newest: bytes | None = None
 
@@ -136,7 +144,7 @@ class LcmImageDevice:
         if self._newest is None:
             return None
         message, self._newest = self._newest, None
-        return decode_images(message, size=self._size)
+        return decode_images(message, size=self._size, other_cameras=self._other_cameras)
 
     def close(self) -> None:
         """See `CaptureDevice.close`."""

@@ -76,6 +76,7 @@ def MakeCaptureDevice(
             url=BusUrl(scenario, scenario.poil.hardware.image_bus, IMAGE_BUS_URL),
             channel=ImageChannel(source, camera.name),
             size=(camera.height, camera.width),
+            other_cameras=set(scenario.cameras) - {camera.name},
         )
     if isinstance(source, McapPlayback):
         return CameraPlayback(source, camera=camera, clock=clock)

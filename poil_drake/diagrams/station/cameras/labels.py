@@ -50,7 +50,8 @@ def AssignLabels(
         geometries = ModelGeometries(plant, inspector, model, Role.kPerception)
         assigned = {
             part: _geometries_of_part(geometries, pattern, model=model, part=part)
-            for part, pattern in parts.get(model, {}).items()
+            # Sorted, so that the numbers do not depend on the order in which parts are listed.
+            for part, pattern in sorted(parts.get(model, {}).items())
         }
         taken: dict[GeometryId, str] = {}
         for part, found in assigned.items():
