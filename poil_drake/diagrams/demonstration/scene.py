@@ -15,6 +15,7 @@ from pydrake.multibody.parsing import (
     PackageMap,
     Parser,
 )
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
@@ -37,9 +38,12 @@ from poil_drake.diagrams.station.cameras.incremental_renderer import Incremental
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, by_name
+from poil_drake.robots.panda import BASE_LINK
 
 _OWN_MUGS = "package://poil_drake/mugs/"
 _OWN_MUGS_PART = "handle"
+
+_FAR_BELOW = 1e5  # [m]; distances from so far below are heights
 
 
 class DemonstrationScene:
@@ -56,6 +60,9 @@ class DemonstrationScene:
         fixture_name: Model instance of the fixture.
         part_link: Link of the object's functional part, or regular expression for its geometries.
         camera_names: Names of the cameras.
+        table_height: Height of the plane on which objects stand [m, world].
+        object_position: (3,) where the scenario's own object starts [m, world].
+        robot_position: (3,) the position of the robot's base [m, world].
 
     Raises:
         ScenarioError: The directives cannot be processed; a model, part or joint that the
@@ -95,6 +102,8 @@ class DemonstrationScene:
         self._context = self._diagram.CreateDefaultContext()
         self.object_name, self.fixture_name = poil.object, poil.fixture
         self.part_link = parts[poil.part]
+        self.table_height = poil.table_height
+        self.object_position, self.robot_position = _positions_in_run(scenario)
         self.camera_names = tuple(camera.name for camera in self._cameras)
         self._renderer = IncrementalRenderer(self._diagram, self._scene_graph, self.camera_names)
 
@@ -149,6 +158,37 @@ class DemonstrationScene:
             for b in self._collision_geometries(model, part)
         )
 
+    @property
+    def has_collision_geometry(self) -> bool:
+        """Whether the object has collision geometries."""
+        return bool(self._collision_geometries(self.object_name, ".*"))
+
+    def lowest_point(self, X_WO: np.ndarray) -> float:
+        """Puts the object at X_WO; returns the height of its lowest point [m, world].
+
+        An object without collision geometries counts as a point at its frame's origin.
+        """
+        self.put_object(X_WO)
+        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
+        below = X_WO[:3, 3] - [0.0, 0.0, _FAR_BELOW]
+        near = self._query().ComputeSignedDistanceToPoint(below)
+        heights = [below[2] + found.distance for found in near if found.id_G in own]
+        return min(heights, default=float(X_WO[2, 3]))
+
+    def penetrations(self, X_WO: np.ndarray) -> list[tuple[str, str, float]]:
+        """Puts the object at X_WO; returns what penetrates it: model, geometry and depth [m]."""
+        self.put_object(X_WO)
+        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
+        inspector, found = self._scene_graph.model_inspector(), []
+        for pair in self._query().ComputePointPairPenetration():
+            if (pair.id_A in own) != (pair.id_B in own):
+                other = pair.id_B if pair.id_A in own else pair.id_A
+                body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(other))
+                model = self._plant.GetModelInstanceName(body.model_instance())
+                name = inspector.GetName(other).split("::")[-1]
+                found.append((model, name, pair.depth))
+        return found
+
     def _query(self) -> QueryObject:
         return self._diagram.GetOutputPort("query_object").Eval(self._context)
 
@@ -158,6 +198,29 @@ class DemonstrationScene:
 
     def _collision_geometries(self, model: str, part: str) -> list[ModelGeometry]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
+
+
+def _positions_in_run(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the positions (3,) of the scenario's own object and of its robot's base [m, world].
+
+    The origin stands for a robot that the scenario lacks.
+    """
+    plant = MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    AddPackages(parser)
+    AddModels(parser, scenario.directives)
+    plant.Finalize()
+    context = plant.CreateDefaultContext()
+    RequireModel(plant, scenario.poil.object, "object")
+    RequireFreeObject(plant, scenario.poil.object)
+    instance = plant.GetModelInstanceByName(scenario.poil.object)
+    free = map(plant.get_body, plant.GetFloatingBaseBodies())
+    bodies = [body for body in free if body.model_instance() == instance]
+    if plant.HasModelInstanceNamed(scenario.poil.robot):
+        robot = plant.GetModelInstanceByName(scenario.poil.robot)
+        bodies.append(plant.GetBodyByName(BASE_LINK, robot))
+    positions = [body.EvalPoseInWorld(context).translation() for body in bodies]
+    return positions[0], positions[1] if len(positions) > 1 else np.zeros(3)
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
