@@ -1,5 +1,6 @@
 """The capture devices of the hardware station's cameras, and the networks they use."""
 
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -58,7 +59,12 @@ def ImageChannel(source: LcmImages, camera: str) -> str:
 
 
 def MakeCaptureDevice(
-    source: CameraSource, scenario: Scenario, camera: CameraModel, *, clock: Clock
+    source: CameraSource,
+    scenario: Scenario,
+    camera: CameraModel,
+    *,
+    clock: Clock,
+    label_ids: Mapping[str, Sequence[int]] | None = None,
 ) -> CaptureDevice:
     """Returns the device that captures a camera's images.
 
@@ -67,6 +73,7 @@ def MakeCaptureDevice(
         scenario: Defines the LCM networks.
         camera: The camera's model.
         clock: Returns the current time [s since the epoch].
+        label_ids: The scenario's labels, to which the labels in recordings are translated.
 
     Raises:
         PoilError: if the device cannot be used.
@@ -79,7 +86,7 @@ def MakeCaptureDevice(
             other_cameras=set(scenario.cameras) - {camera.name},
         )
     if isinstance(source, McapPlayback):
-        return CameraPlayback(source, camera=camera, clock=clock)
+        return CameraPlayback(source, camera=camera, clock=clock, label_ids=label_ids)
     return make_device(source, camera=camera, clock=clock)
 
 
