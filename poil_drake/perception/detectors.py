@@ -83,7 +83,7 @@ class LabelImageDetector:
             raise DetectionError(
                 f"The views show only {seen} pixels of the part '{part_label}' of "
                 f"'{object_label}', but {needed} are needed.",
-                remedy="Turn the object, or add a camera that sees the part.",
+                remedy="Turn the object, add a camera that sees the part, or move a camera nearer.",
             )
         return PartMasks(
             object_masks=tuple(np.isin(label, object_ids) for label in labels),
