@@ -20,7 +20,8 @@ def CheckMotion(
 ) -> None:
     """Checks that the object starts standing on something, and goes through nothing.
 
-    Later, the object may be inside the fixture: Drake fills the opening of a concave mesh.
+    Later, the object may be inside the fixture, and at any time inside a mesh of the fixture: their
+    meshes count as convex hulls, which have no openings.
 
     Args:
         scene: The scene.
@@ -49,11 +50,12 @@ def CheckMotion(
             remedy=remedy,
         )
     for time in times.tolist():
-        found = scene.penetrations(motion.pose(time))
-        depth, model, name = max(((d, m, n) for m, n, d in found), default=(0.0, "", ""))
-        if depth > _TOLERANCE and (time == 0.0 or model != scene.fixture_name):
+        for found in scene.penetrations(motion.pose(time)):
+            may_hang = found.model == scene.fixture_name and (time > 0.0 or found.is_mesh)
+            if found.depth <= _TOLERANCE or may_hang:
+                continue
             raise ScenarioError(
-                f"The demonstration's object is inside '{model}::{name}' "
+                f"The demonstration's object is inside '{found.model}::{found.name}' "
                 f"{f'{time:.2f} s after its start' if time else 'at its start'}, with its frame at "
                 f"{_text(motion.pose(time))}.",
                 remedy=remedy,

@@ -3,9 +3,10 @@
 import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import CalcObb, QueryObject
+from pydrake.geometry import CalcObb, Mesh, QueryObject
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import (
@@ -44,6 +45,22 @@ _OWN_MUGS = "package://poil_drake/mugs/"
 _OWN_MUGS_PART = "handle"
 
 _FAR_BELOW = 1e5  # [m]; distances from so far below are heights
+
+
+class Penetration(NamedTuple):
+    """A geometry that the object is inside.
+
+    Attributes:
+        depth: How deep [m].
+        model: The geometry's model instance.
+        name: The geometry's name, without the model's scope.
+        is_mesh: Whether it is a mesh, which counts as its convex hull.
+    """
+
+    depth: float
+    model: str
+    name: str
+    is_mesh: bool
 
 
 class DemonstrationScene:
@@ -175,8 +192,8 @@ class DemonstrationScene:
         heights = [below[2] + found.distance for found in near if found.id_G in own]
         return min(heights, default=float(X_WO[2, 3]))
 
-    def penetrations(self, X_WO: np.ndarray) -> list[tuple[str, str, float]]:
-        """Puts the object at X_WO; returns what penetrates it: model, geometry and depth [m]."""
+    def penetrations(self, X_WO: np.ndarray) -> list[Penetration]:
+        """Puts the object at X_WO; returns what it is inside."""
         self.put_object(X_WO)
         own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
         inspector, found = self._scene_graph.model_inspector(), []
@@ -186,7 +203,8 @@ class DemonstrationScene:
                 body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(other))
                 model = self._plant.GetModelInstanceName(body.model_instance())
                 name = inspector.GetName(other).split("::")[-1]
-                found.append((model, name, pair.depth))
+                is_mesh = isinstance(inspector.GetShape(other), Mesh)
+                found.append(Penetration(pair.depth, model, name, is_mesh))
         return found
 
     def _query(self) -> QueryObject:
