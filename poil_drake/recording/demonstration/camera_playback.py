@@ -5,7 +5,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError, NoImageError
+from poil_drake.errors import (
+    CaptureError,
+    DemonstrationError,
+    InvalidValueError,
+    NoImageError,
+    NoMoreImagesError,
+)
 from poil_drake.perception.capture.checks import check_intrinsics
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.capture.device import PATIENCE, Clock
@@ -20,8 +26,9 @@ from poil_drake.runtime.interpreter_turns import TURNS
 class CameraPlayback:
     """A `CaptureDevice` that plays back one camera of a demonstration or run log.
 
-    An image is decoded when it is due; if several are due, all but the latest are skipped. See
-    `McapPlayback` for the meaning of the stamps. The constructor does not open the file.
+    An image is decoded when it is due; if several are due, all but the latest are skipped, unless
+    every image is wanted. See `McapPlayback` for the meaning of the stamps. The constructor does
+    not open the file.
 
     Args:
         config: The file, and how to play it.
@@ -29,6 +36,7 @@ class CameraPlayback:
         clock: Returns the current time [s since the epoch].
         label_ids: The scenario's labels, see `MultiViewFrame.label_ids`; the recorded label images
             are translated to their numbers. None keeps the recorded numbers.
+        every_image: Whether images that are due are read one after the other, even if late.
 
     Raises:
         InvalidValueError: if no file is given.
@@ -41,6 +49,7 @@ class CameraPlayback:
         camera: CameraModel,
         clock: Clock,
         label_ids: Mapping[str, Sequence[int]] | None = None,
+        every_image: bool = False,
     ):
         if not config.file:
             raise InvalidValueError(
@@ -49,6 +58,7 @@ class CameraPlayback:
             )
         self._config, self._camera, self._clock = config, camera, clock
         self._label_ids = label_ids
+        self._every_image = every_image
         self._source = f"Camera '{camera.name}'"
         self._recording: Demonstration | None = None
         self._offsets = np.zeros(0)
@@ -83,11 +93,13 @@ class CameraPlayback:
             number = self._due(self._clock() - self._start)
         if number <= self._played:
             if self._time_of(number + 1) == np.inf:
-                raise NoImageError(
+                raise NoMoreImagesError(
                     f"{self._source}: {self._config.file} has ended.",
                     remedy="Play it in a loop (loop: true), or use a longer recording.",
                 )
             return None
+        if self._every_image:
+            number = self._played + 1
         self._played = number
         TURNS.wait()
         try:

@@ -65,6 +65,7 @@ def MakeCaptureDevice(
     *,
     clock: Clock,
     label_ids: Mapping[str, Sequence[int]] | None = None,
+    every_image: bool = False,
 ) -> CaptureDevice:
     """Returns the device that captures a camera's images.
 
@@ -74,6 +75,8 @@ def MakeCaptureDevice(
         camera: The camera's model.
         clock: Returns the current time [s since the epoch].
         label_ids: The scenario's labels, to which the labels in recordings are translated.
+        every_image: Whether a device that is read late delivers every image rather than the newest,
+            if it can: LCM images and recordings. Other devices have their own queues.
 
     Raises:
         PoilError: if the device cannot be used.
@@ -84,9 +87,12 @@ def MakeCaptureDevice(
             channel=ImageChannel(source, camera.name),
             size=(camera.height, camera.width),
             other_cameras=set(scenario.cameras) - {camera.name},
+            every_image=every_image,
         )
     if isinstance(source, McapPlayback):
-        return CameraPlayback(source, camera=camera, clock=clock, label_ids=label_ids)
+        return CameraPlayback(
+            source, camera=camera, clock=clock, label_ids=label_ids, every_image=every_image
+        )
     return make_device(source, camera=camera, clock=clock)
 
 
