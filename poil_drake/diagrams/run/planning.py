@@ -22,9 +22,10 @@ from poil_drake.runtime.worker_executor import WorkerExecutor
 from poil_drake.transfer.pipeline import TransferConfig, transfer
 from poil_drake.transfer.progress import Progress
 
-_OBSTACLE_FUSION = FusionConfig(voxel_size=0.004, outlier_neighbours=0)
+_OBSTACLE_FUSION = FusionConfig(voxel_size=0.004)
 """How images of the whole scene become obstacle points. These points are coarser than the object's,
-but fine enough to detect contact between object and fixture. A few outliers do no harm."""
+but fine enough to detect contact between object and fixture. The more cameras and pixels, the more
+pixels fly beside the object; as obstacles, they would leave no room for the hand."""
 
 
 def PlanScenario(
