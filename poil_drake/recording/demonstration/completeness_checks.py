@@ -47,7 +47,7 @@ def camera_names(path: Path, contents: Contents) -> list[str]:
         raise DemonstrationError(
             f"{path} has no camera: no topic is named {camera_topic('<name>', 'image')}.",
             remedy="Record colour, depth and calibration of each camera, as described in "
-            "docs/demonstration_format.md.",
+            "docs/demonstration_format.md. If this is a ROS bag, use `poil demo import` first.",
         )
     return names
 

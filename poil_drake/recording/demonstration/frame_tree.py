@@ -83,6 +83,13 @@ class FrameTree:
         """Returns the root of the tree that holds `frame`, which may be `frame` itself."""
         return self._chain(frame)[-1]
 
+    def listing(self) -> str:
+        """Returns each root and the frames below it, for error messages."""
+        trees: dict[str, list[str]] = {}
+        for child in sorted(self._links):
+            trees.setdefault(self.root(child), []).append(child)
+        return "; ".join(f"{root} > {', '.join(below)}" for root, below in trees.items()) or "none"
+
     def connected(self, *, base: str, frame: str) -> bool:
         """Returns whether transforms connect the two frames."""
         return self.root(base) == self.root(frame)
