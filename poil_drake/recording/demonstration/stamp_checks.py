@@ -84,7 +84,7 @@ def _check_topic(path: Path, topic: str, images: Sequence[StoredImage]) -> None:
             "stamps 0: then the times of logging are used.",
         )
     steps = np.diff(stamps) * 1e-9
-    swap = max(_LARGEST_SWAP, 2.0 * float(np.median(np.abs(steps))))
+    swap = float(np.clip(2.0 * np.median(np.abs(steps)), _LARGEST_SWAP, _LARGEST_GAP))
     (wrong,) = np.nonzero((steps < -swap) | (steps > _LARGEST_GAP))
     if not wrong.size:
         return

@@ -26,6 +26,7 @@ NUMBERS = st.one_of(
     st.floats(-100.0, 100.0),
 )
 KINDS = [
+    "clock",
     "stamps",
     "times",
     "missing",
@@ -39,7 +40,7 @@ KINDS = [
 
 
 @settings(
-    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=1000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 @given(data=st.data(), kinds=st.sets(st.sampled_from(KINDS), max_size=2))
 def test_an_odd_recording_loads_or_is_refused(foreign, data, kinds):
@@ -48,7 +49,9 @@ def test_an_odd_recording_loads_or_is_refused(foreign, data, kinds):
         return data.draw(strategy) if kind in kinds and data.draw(st.integers(0, 3)) == 0 else None
 
     foreign.__init__(foreign.path)
+    clock = sometimes("clock", st.lists(st.floats(0.0, 1.0) | st.floats(0.0, 1e9), max_size=5))
     for topic in list(foreign.times):
+        foreign.times[topic] = foreign.times[topic] if clock is None else clock
         if (times := sometimes("times", st.lists(st.floats(0.0, 10.0), max_size=6))) is not None:
             foreign.times[topic] = times
         if sometimes("missing", st.just(True)) is not None:
