@@ -183,12 +183,15 @@ class PoilConfig:
     """The `poil` section: the task and POIL's settings.
 
     Attributes:
-        object: Model instance of the manipulated object.
+        object: Model instance of the manipulated object; or <model>::<body> if the object is one
+            body, with what it carries, of a larger model.
         part: Name of the object's functional part.
         parts: Part name -> a link of the object, or a regular expression for names of its
             geometries. A part that is not listed is the link of the same name.
-        fixture: Model instance with which the object interacts.
+        fixture: Model instance, or body of a model, with which the object interacts.
         robot: Model instance of the robot.
+        packages: `package.xml` files, or folders with such files, of the packages that `package://`
+            paths name in directives and models. Paths are relative to the scenario file.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
         demonstration_object_label: The object's name in the recording; None means `object`.
@@ -217,6 +220,7 @@ class PoilConfig:
     parts: Mapping[str, str] = field(default_factory=dict)
     fixture: str = "rack"
     robot: str = "panda"
+    packages: tuple[str, ...] = ()
     table_height: float = 0.0
     demonstration: str | None = None
     demonstration_object_label: str | None = None

@@ -12,6 +12,8 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
+from poil_drake.diagrams.scenario.model_checks import RequireMass
+from poil_drake.diagrams.scenario.model_parts import BaseBody
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
@@ -104,6 +106,7 @@ class SimulatedStation(Station):
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
+        RequireMass(self._plant)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0
@@ -226,5 +229,4 @@ class SimulatedStation(Station):
 
     def object_body(self) -> RigidBody:
         """Returns the object's base body, whose frame is the object's frame O."""
-        instance = self._plant.GetModelInstanceByName(self.scenario.poil.object)
-        return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
+        return BaseBody(self._plant, self.scenario.poil.object)

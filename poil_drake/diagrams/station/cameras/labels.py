@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pydrake.geometry import GeometryId, PerceptionProperties, RenderLabel, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
-from poil_drake.diagrams.scenario.models import (
+from poil_drake.diagrams.scenario.model_parts import (
+    BodiesByModel,
+    GeometryChoices,
     ModelGeometries,
     ModelGeometry,
     PartGeometries,
-    model_names,
 )
 from poil_drake.errors import ScenarioError
 
@@ -21,15 +22,15 @@ def AssignLabels(
     scene_graph: SceneGraph,
     parts: Mapping[str, Mapping[str, str]],
 ) -> dict[str, tuple[int, ...]]:
-    """Gives every model instance and every named part its own render label.
+    """Gives every model and every named part its own render label.
 
     Call this before `plant.Finalize()` and before cameras are added.
 
     Args:
         plant: The plant with all models.
         scene_graph: The plant's scene graph.
-        parts: Model instance -> part -> name of the part's link, or a regular expression for the
-            whole names of the part's geometries, without the model's scope.
+        parts: Model -> part -> name of the part's link, or a regular expression for the whole names
+            of the part's geometries, without the model's scope. See `ModelBodies` for the models.
 
     Returns:
         Name -> labels. "mug" has all labels of the model, and "mug/handle" those of the part.
@@ -39,15 +40,15 @@ def AssignLabels(
     """
     label_ids: dict[str, tuple[int, ...]] = {}
     next_label = 1
-    models = model_names(plant)
+    models = BodiesByModel(plant, parts)
     for unknown in set(parts) - set(models):
         raise ScenarioError(
             f"The scenario names parts of the model '{unknown}', which no directive adds.",
             remedy=f"Choose one of: {', '.join(models)}.",
         )
     inspector = scene_graph.model_inspector()
-    for model in models:
-        geometries = ModelGeometries(plant, inspector, model, Role.kPerception)
+    for model, bodies in models.items():
+        geometries = ModelGeometries(plant, inspector, model, Role.kPerception, bodies=bodies)
         assigned = {
             part: _geometries_of_part(geometries, pattern, model=model, part=part)
             for part, pattern in parts.get(model, {}).items()
@@ -90,12 +91,9 @@ def _geometries_of_part(
             remedy="Correct the pattern in poil.parts.",
         ) from error
     if not found:
-        links = ", ".join(sorted({g.link for g in geometries}))
-        names = ", ".join(sorted({g.name for g in geometries}))
         raise ScenarioError(
             f"The part '{part}' of '{model}' was not found: no link is named '{pattern}', and no "
             "geometry's name matches this expression.",
-            remedy=f"Set poil.parts.{part} to one of the links ({links}) or to a regular "
-            f"expression for the geometry names ({names}).",
+            remedy=f"Set poil.parts.{part} to one of {GeometryChoices(geometries)}.",
         )
     return found
