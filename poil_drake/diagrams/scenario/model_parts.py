@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from pydrake.geometry import GeometryId, Role, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex, ModelInstanceIndex, RigidBody, world_index
 
 from poil_drake.errors import ScenarioError
 
@@ -29,12 +29,17 @@ def ModelBodies(plant: MultibodyPlant, name: str) -> list[BodyIndex]:
     instance = plant.GetModelInstanceByName(model)
     if not plant.HasBodyNamed(link, instance):
         return []
-    carried = [plant.GetBodyByName(link, instance).index()]
+    return CarriedBodies(plant, plant.GetBodyByName(link, instance))
+
+
+def CarriedBodies(plant: MultibodyPlant, body: RigidBody) -> list[BodyIndex]:
+    """Returns a body, and the bodies that joints connect to it as children, also indirectly."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    for body in carried:  # The loop visits what it appends.
-        children = [j.child_body().index() for j in joints if j.parent_body().index() == body]
-        carried += [child for child in children if child not in carried]
-    return carried
+    pairs = [(joint.parent_body().index(), joint.child_body().index()) for joint in joints]
+    found = [body.index()]
+    for parent in found:  # The loop visits what it appends.
+        found += [b for a, b in pairs if a == parent and b not in (*found, world_index())]
+    return found
 
 
 def BaseBody(plant: MultibodyPlant, name: str) -> RigidBody:
@@ -93,6 +98,7 @@ def RequireFreeObject(plant: MultibodyPlant, name: str) -> None:
         joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
         [joint] = [j for j in joints if j.child_body().index() == base.index()]
         parent = joint.parent_body().scoped_name().get_full()
+        parent = parent.removeprefix("WorldModelInstance::")
         raise ScenarioError(
             f"The object '{name}' is welded or joined to something, so it cannot move freely: its "
             f"base '{base.name()}' to '{parent}', by the joint '{joint.name()}'.",

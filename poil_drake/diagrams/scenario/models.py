@@ -150,11 +150,20 @@ def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
 
 
 def _unweld(plant: MultibodyPlant, body: RigidBody) -> None:
-    """Removes the weld between the world and a body."""
+    """Removes the weld between the world and a body, so that another can replace it."""
     for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
         pair = (joint.parent_body().index(), joint.child_body().index())
-        if joint.type_name() == "weld" and pair == (plant.world_body().index(), body.index()):
-            plant.RemoveJoint(joint)
+        if joint.type_name() != "weld" or pair != (plant.world_body().index(), body.index()):
+            continue
+        # Drake removes no joints while there are constraints, e.g. between a hand's fingers.
+        if plant.num_constraints() > 0:
+            raise ScenarioError(
+                f"The file of '{body.scoped_name().get_full()}' welds it to the world already.",
+                remedy="Remove its add_weld, and write the pose into the file (MJCF: pos and quat "
+                "of the body; SDFormat: <pose>); or move the directives that add and weld the "
+                "model above those of the robot.",
+            )
+        plant.RemoveJoint(joint)
 
 
 def SetInitialPositions(

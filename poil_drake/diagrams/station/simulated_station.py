@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
-from poil_drake.diagrams.scenario.model_checks import RequireMass
+from poil_drake.diagrams.scenario.model_checks import RequireMass, RequireObjectInertia
 from poil_drake.diagrams.scenario.model_parts import BaseBody
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
@@ -107,6 +107,7 @@ class SimulatedStation(Station):
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
         RequireMass(self._plant)
+        RequireObjectInertia(self._plant, self._scene_graph.model_inspector(), poil.object)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0

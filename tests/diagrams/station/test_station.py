@@ -138,7 +138,10 @@ def test_a_wrong_robot_is_refused() -> None:
         ("{initial_position: {pandy: {panda_joint1: [0]}}}", "pandy"),
         ("{initial_position: {panda: {panda_joint1: [1, 2]}}}", r"positions in the input \(2\)"),
         # Degrees where radians are expected.
-        ("{initial_position: {panda: {panda_joint6: [92]}}}", "_joint6' of 'panda' starts at 92 rad, beyond"),
+        (
+            "{initial_position: {panda: {panda_joint6: [92]}}}",
+            "_joint6' of 'panda' starts at 92 rad, beyond",
+        ),
         ("{poil: {fixture: rak}}", "poil.fixture is 'rak'.*table, rack, panda, mug"),
         (
             "{poil: {demonstration_motion: {hanging: {rod: hook}}}}",

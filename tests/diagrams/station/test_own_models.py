@@ -1,0 +1,349 @@
+"""Models as people have them: the base, the part, and what is refused when a station is built."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from own_models import (
+    HANDLE,
+    mjcf_file,
+    mjcf_mug,
+    mjcf_rack,
+    own_scenario,
+    sdf_file,
+    sdf_mug,
+    sdf_shape,
+    urdf_mug,
+)
+from scipy.spatial.transform import Rotation
+
+from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
+from poil_drake.diagrams.scenario.scenario import Scenario
+from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.errors import ScenarioError
+from poil_drake.geometry.rigid_transform import make_transform
+
+WRAPPER = '<link name="base_link"/>'
+ON_WRAPPER = (
+    '<joint name="on" type="fixed"><parent>base_link</parent><child>cup::body</child></joint>'
+)
+
+PACKAGE_MUG = (
+    "{add_model: {name: mug, file: 'package://poil_drake/mugs/mug_a/mug_a.sdf', "
+    "default_free_body_pose: {body: {translation: [0.47, -0.12, 0.0]}}}}"
+)
+
+MUGS = {
+    "plain.urdf": (urdf_mug(), "body"),
+    "child_first.urdf": (urdf_mug("handle body"), "body"),
+    "empty_root.urdf": (urdf_mug("base_link body handle", root="base_link"), "base_link"),
+    "empty_root_last.urdf": (urdf_mug("handle body base_link", root="base_link"), "base_link"),
+    "child_first.sdf": (sdf_file(sdf_mug("handle body")), "body"),
+    "nested.sdf": (sdf_file(f'<model name="outer">{sdf_mug("handle body")}</model>'), "cup::body"),
+    "mug.xml": (mjcf_file(mjcf_mug()), "body"),
+}
+
+
+def scenario_of(text: str, tmp_path: Path, name: str, **options: str) -> Scenario:
+    """Returns a scenario with the mug in `text`, which is written to the file `name`."""
+    file = tmp_path / name
+    file.write_text(text)
+    return ChooseScenario(data=own_scenario(mug=file, **options))
+
+
+def bars_in_object_frame(scene: DemonstrationScene, X_WO: np.ndarray) -> np.ndarray:
+    """Returns the centres (3, 3) of the part's geometries, sorted by height."""
+    scene.put_object(X_WO)
+    centers = np.array([X_WB[:3, 3] for X_WB, _ in scene.boxes(scene.object_name, "handle")])
+    return sorted_rows((centers - X_WO[:3, 3]) @ X_WO[:3, :3])
+
+
+def sorted_rows(points: np.ndarray) -> np.ndarray:
+    return points[np.argsort(points[:, 2])]
+
+
+BARS = sorted_rows(np.array([center for _, center, _ in HANDLE]))
+
+
+@pytest.mark.parametrize("name", MUGS)
+def test_the_base_and_the_part_are_found_in_every_structure(name: str, tmp_path: Path) -> None:
+    text, base = MUGS[name]
+    scenario = scenario_of(text, tmp_path, name, pose_of=base)
+
+    station = MakeStation(scenario, cameras=False)
+    scene = DemonstrationScene(scenario, cameras=False)
+
+    pose = station.object_body().EvalPoseInWorld(station.plant().CreateDefaultContext())
+    assert station.object_body().name() == base.rpartition("::")[2]
+    np.testing.assert_allclose(pose.translation(), [0.47, -0.12, 0.0], atol=1e-9)
+    assert set(station.label_ids) == {"table", "panda", "rack", "mug", "mug/handle"}
+    # The part follows the pose given to the object, and has an opening that fits the rod.
+    X_WO = make_transform(Rotation.from_rotvec([0.2, -0.4, 1.0]).as_matrix(), [0.4, 0.1, 0.3])
+    np.testing.assert_allclose(bars_in_object_frame(scene, X_WO), BARS, atol=1e-6)
+    motion = MakeDemonstrationMotion(scene, scenario.poil.demonstration_motion)
+    gap = scene.distance(motion.pose(motion.duration), "handle", "rack", "rod")
+    assert gap == pytest.approx(0.003, abs=1e-5)
+
+
+@pytest.mark.render
+@pytest.mark.parametrize("name", ["empty_root_last.urdf", "nested.sdf"])
+def test_cameras_see_the_part_of_an_own_mug(name: str, tmp_path: Path) -> None:
+    text, base = MUGS[name]
+    scenario = scenario_of(text, tmp_path, name, pose_of=base)
+    station = MakeStation(scenario, ignore_output_delay=True)
+
+    frame = CaptureFrame(station, station.CreateDefaultContext(), labels=True)
+
+    [handle] = frame.label_ids["mug/handle"]
+    seen = [np.count_nonzero(image.label == handle) for image in frame.images]
+    # At most the bars' area, 12 mm x 170 mm, at about 0.7 m: some hundred pixels.
+    assert max(seen) > 100
+
+
+def test_the_wrapper_of_a_nested_mug_may_have_a_link(tmp_path: Path) -> None:
+    light = "<inertial><mass>0.001</mass><inertia><ixx>1e-7</ixx><iyy>1e-7</iyy><izz>1e-7</izz>"
+    wrapper = f'<link name="base_link">{light}</inertia></inertial></link>'
+    text = sdf_file(f'<model name="outer">{wrapper}{sdf_mug()}{ON_WRAPPER}</model>')
+    scenario = scenario_of(text, tmp_path, "mug.sdf", pose_of="base_link")
+
+    station = MakeStation(scenario, cameras=False)
+
+    assert station.object_body().name() == "base_link"
+    assert {"mug", "mug/handle"} <= set(station.label_ids)
+
+
+@pytest.mark.parametrize("where", ["one file", "nested"])
+def test_object_and_fixture_may_be_bodies_of_one_model(where: str, tmp_path: Path) -> None:
+    names = "object: 'kitchen::body', fixture: 'kitchen::stand'"
+    text, name = mjcf_file(mjcf_rack(), mjcf_mug()), "kitchen.xml"
+    if where == "nested":
+        rod = "<capsule><radius>0.0055</radius><length>0.14</length></capsule>"
+        post = "<cylinder><radius>0.011</radius><length>0.28</length></cylinder>"
+        rack = sdf_shape("post", (0, 0, 0.14), post)
+        rack += f'<collision name="rod_bar"><pose>0 -0.07 0.27 1.4 0 0</pose><geometry>{rod}'
+        rack = f'<model name="stand"><link name="wood">{rack}</geometry></collision></link></model>'
+        fixed = (
+            '<joint name="f" type="fixed"><parent>world</parent><child>stand::wood</child></joint>'
+        )
+        cup = sdf_mug().replace('name="cup"', 'name="body"')
+        text, name = sdf_file(f'<model name="kitchen">{rack}{fixed}{cup}</model>'), "kitchen.sdf"
+    (tmp_path / name).write_text(text)
+    kitchen = f"{{add_model: {{name: kitchen, file: '{tmp_path / name}'}}}}"
+    poil = f"{names}, demonstration_motion: {{hanging: {{rod: 'rod_.*'}}}}"
+    scenario = ChooseScenario(data=own_scenario(rack="", weld_rack="", more=kitchen, poil=poil))
+
+    station = MakeStation(scenario, cameras=False)
+    scene = DemonstrationScene(scenario, cameras=False)
+
+    labels = {"table", "panda", "kitchen::body", "kitchen::stand", "kitchen::body/handle"}
+    assert set(station.label_ids) == labels
+    assert station.object_body().name() == "body"
+    # The package's mug is demonstrated in place of the kitchen's.
+    motion = MakeDemonstrationMotion(scene, scenario.poil.demonstration_motion)
+    X_WO = motion.pose(motion.duration)
+    gap = scene.distance(X_WO, "handle", "kitchen::stand", "rod_.*")
+    assert gap == pytest.approx(0.003, abs=1e-5)
+    assert scene.boxes("kitchen::body", ".*") == []
+
+
+HINGED_RACK = """<robot name="rack">
+<link name="stand"><collision name="post"><geometry><box size="0.05 0.05 0.3"/></geometry>
+</collision></link><link name="rod"><inertial><mass value="0.1"/>
+<inertia ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision name="bar"><geometry><capsule radius="0.005" length="0.14"/></geometry></collision>
+</link>
+<joint name="hinge" type="revolute"><parent link="stand"/><child link="rod"/><axis xyz="0 0 1"/>
+<limit lower="0.5" upper="1.0" effort="1" velocity="1"/></joint></robot>"""
+
+
+@pytest.mark.parametrize(
+    ("set_by", "starts_at"),
+    [
+        ("nothing", "0 rad"),
+        ("initial_position: {rack: {hinge: [45]}}", "45 rad"),
+        ("default_joint_positions: {hinge: [-0.7]}", "-0.7 rad"),
+    ],
+)
+def test_a_start_beyond_limits_is_refused_whatever_sets_it(
+    set_by: str, starts_at: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "rack.urdf"
+    file.write_text(HINGED_RACK)
+    text = own_scenario(mug=None, rack=str(file), more=PACKAGE_MUG)
+    if set_by.startswith("default"):
+        text = text.replace(f"file: '{file}'", f"file: '{file}', {set_by}")
+    scenario = ChooseScenario(data=text)
+    if set_by.startswith("initial"):
+        scenario = LoadScenario(data=f"{{{set_by}}}", defaults=scenario)
+    says = f"'hinge' of 'rack' starts at {starts_at}, beyond its limits 0.5 and 1 rad.*"
+
+    for make in (
+        lambda: MakeStation(scenario, cameras=False),
+        lambda: DemonstrationScene(scenario),
+    ):
+        with pytest.raises(ScenarioError, match=f"{says}initial_position.rack.hinge.*default_join"):
+            make()
+
+
+def test_the_arm_needs_a_start_within_its_limits() -> None:
+    scenario = dataclasses.replace(ChooseScenario(), initial_position={})
+
+    # The elbow, joint 4, cannot be straight.
+    with pytest.raises(ScenarioError, match=r"'panda_joint4' of 'panda' starts at 0 rad"):
+        MakeStation(scenario, cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "pose_of", "says"),
+    [
+        (MUGS["plain.urdf"][0], "a.urdf", "handle", "'handle', .*'mug::body'.*base link 'body'"),
+        (MUGS["child_first.sdf"][0], "a.sdf", "handle", "'handle', .*'mug::body'"),
+        (MUGS["empty_root.urdf"][0], "a.urdf", "body", "'body', .*'mug::base_link'"),
+        (MUGS["nested.sdf"][0], "a.sdf", "cup::handle", "base link 'cup::body'"),
+        (MUGS["nested.sdf"][0], "a.sdf", "body", "no such link.*cup::handle, cup::body"),
+        (MUGS["mug.xml"][0], "a.xml", "handle", "'handle', .*'mug::body'"),
+        (mjcf_file(mjcf_mug(joint="")), "a.xml", "body", "'body', which is welded or joined"),
+    ],
+)
+def test_a_pose_is_given_to_the_base_body(
+    text: str, name: str, pose_of: str, says: str, tmp_path: Path
+) -> None:
+    scenario = scenario_of(text, tmp_path, name, pose_of=pose_of)
+
+    with pytest.raises(ScenarioError, match=f"'mug' has a default_free_body_pose for .*{says}"):
+        MakeStation(scenario, cameras=False)
+
+
+def test_a_pose_may_be_given_in_the_frame_of_another_model(tmp_path: Path) -> None:
+    scenario = ChooseScenario()
+    mug = next(
+        d.add_model for d in scenario.directives if d.add_model and d.add_model.name == "mug"
+    )
+    pose = mug.default_free_body_pose["body"]
+    pose.base_frame = "rack::stand"
+    mug.default_free_body_pose = {"body": pose}
+
+    station = MakeStation(scenario, cameras=False)
+
+    X_WO = station.object_body().EvalPoseInWorld(station.plant().CreateDefaultContext())
+    # The rack stands at (0.55, 0.30), the mug at (0.47, -0.12) from it.
+    np.testing.assert_allclose(X_WO.translation(), [1.02, 0.18, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "says"),
+    [
+        (urdf_mug(inertial=False), "a.urdf", "mug::body, mug::handle move, but have no mass"),
+        (mjcf_file(mjcf_mug(mass='mass="0"')), "a.xml", "mug::body, mug::handle .* no mass"),
+        (sdf_file(sdf_mug(inertial=False)), "a.sdf", "mass of 2 kg and moments of inertia of 2 to"),
+        (
+            urdf_mug().replace("1.5e-4", "0").replace("1.2e-4", "0"),
+            "a.urdf",
+            "mass of 0.3 kg and moments of inertia of 0 to",
+        ),
+    ],
+)
+def test_an_object_needs_mass_and_inertia(text: str, name: str, says: str, tmp_path: Path) -> None:
+    scenario = scenario_of(text, tmp_path, name)
+
+    with pytest.raises(ScenarioError, match=says):
+        MakeStation(scenario, cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "pose_of", "says"),
+    [
+        (
+            sdf_file(sdf_mug().split("<joint")[0] + "</model>"),
+            "a.sdf",
+            "body",
+            "falls apart.*body, h",
+        ),
+        (mjcf_file(mjcf_mug(joint="")), "a.xml", "", "'world', by the joint.*<freejoint/>"),
+        ("<mujoco><worldbody><geom size='1'/></worldbody></mujoco>", "a.xml", "", "without bodies"),
+    ],
+)
+def test_an_object_moves_freely_as_one_piece(
+    text: str, name: str, pose_of: str, says: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ScenarioError, match=says):
+        MakeStation(scenario_of(text, tmp_path, name, pose_of=pose_of), cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("names", "says"),
+    [
+        (
+            "object: 'kitchen::handle', fixture: 'kitchen::stand'",
+            "its base 'handle' to 'kitchen::body'",
+        ),
+        ("object: kitchen, fixture: 'kitchen::stand'", "have bodies in common"),
+        ("object: 'kitchen::cup', fixture: 'kitchen::stand'", "'kitchen::cup', but no directive"),
+    ],
+)
+def test_a_body_of_a_larger_model_is_named_with_its_model(
+    names: str, says: str, tmp_path: Path
+) -> None:
+    (tmp_path / "kitchen.xml").write_text(mjcf_file(mjcf_rack(), mjcf_mug()))
+    kitchen = f"{{add_model: {{name: kitchen, file: '{tmp_path}/kitchen.xml'}}}}"
+    poil = f"{names}, parts: {{handle: '.*'}}, demonstration_motion: {{hanging: {{rod: 'rod_.*'}}}}"
+    scenario = ChooseScenario(data=own_scenario(rack="", weld_rack="", more=kitchen, poil=poil))
+
+    with pytest.raises(ScenarioError, match=says):
+        MakeStation(scenario, cameras=False)
+
+
+STATIC_RACK = """<model name="rack"><static>true</static><link name="stand"><pose>1 0 0 0 0 0</pose>
+<collision name="rod"><geometry><capsule><radius>0.005</radius><length>0.1</length></capsule>
+</geometry></collision></link></model>"""
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "rod"),
+    [
+        (mjcf_file(mjcf_rack()), "rack.xml", "rod_bar"),
+        (mjcf_file(mjcf_rack("<freejoint/>")), "rack.xml", "rod_bar"),
+        (sdf_file(STATIC_RACK), "rack.sdf", "rod"),
+    ],
+)
+def test_a_weld_replaces_the_one_in_a_racks_file(
+    text: str, name: str, rod: str, tmp_path: Path
+) -> None:
+    file = tmp_path / name
+    file.write_text(text)
+    poil = f"demonstration_motion: {{hanging: {{rod: {rod}}}}}"
+    scenario = ChooseScenario(data=own_scenario(rack=str(file), more=PACKAGE_MUG, poil=poil))
+
+    plant = MakeStation(scenario, cameras=False).plant()
+
+    X_WS = plant.GetBodyByName("stand").EvalPoseInWorld(plant.CreateDefaultContext())
+    np.testing.assert_allclose(X_WS.translation(), [0.55, 0.30, 0.0], atol=1e-9)
+
+
+def test_a_weld_below_the_robots_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "rack.xml").write_text(mjcf_file(mjcf_rack()))
+    rack = f"{{add_model: {{name: rack, file: '{tmp_path}/rack.xml'}}}}"
+    weld = "{add_weld: {parent: world, child: 'rack::stand'}}"
+    text = own_scenario(rack="", weld_rack="", more=f"{PACKAGE_MUG}, {rack}, {weld}")
+
+    with pytest.raises(ScenarioError, match=r"'rack::stand' welds it to the world.*pos and quat"):
+        MakeStation(ChooseScenario(data=text), cameras=False)
+
+
+def test_two_welds_of_one_link_are_refused() -> None:
+    weld = "{add_weld: {parent: world, child: 'rack::stand'}}"
+    scenario = ChooseScenario(data=own_scenario(more=f"{PACKAGE_MUG}, {weld}"))
+
+    with pytest.raises(ScenarioError, match=r"'rack::stand' cannot be welded.*Weld each link only"):
+        MakeStation(scenario, cameras=False)
+
+
+def test_welds_that_form_a_loop_are_refused() -> None:
+    weld = "{add_weld: {parent: 'table::table', child: 'rack::rod'}}"
+    scenario = ChooseScenario(data=own_scenario(more=f"{PACKAGE_MUG}, {weld}"))
+
+    with pytest.raises(ScenarioError, match=r"do not fit together.*Remove a weld"):
+        MakeStation(scenario, cameras=False)
