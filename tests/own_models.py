@@ -17,6 +17,13 @@ HANDLE: tuple[Bar, ...] = (
 """Name, centre and size [m] of each bar, in the mug's frame."""
 
 
+PACKAGE_MUG = (
+    "{add_model: {name: mug, file: 'package://poil_drake/mugs/mug_a/mug_a.sdf', "
+    "default_free_body_pose: {body: {translation: [0.47, -0.12, 0.0]}}}}"
+)
+"""A directive that adds a mug of the package."""
+
+
 def urdf_mug(links: str = "body handle", *, root: str = "", inertial: bool = True) -> str:
     """Returns a mug as URDF, with its links in the given order; `root` is an empty base link."""
     mass = '<inertial><origin xyz="0 0 0.045"/><mass value="0.15"/><inertia ixx="1.5e-4" '

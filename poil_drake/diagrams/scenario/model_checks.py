@@ -65,8 +65,9 @@ def RequireObjectSize(plant: MultibodyPlant, inspector: SceneGraphInspector, nam
     size = float(np.max(_sides(plant, inspector, name)))
     if size == 0.0 or _SMALLEST_OBJECT <= size <= _LARGEST_OBJECT:
         return
+    text = f"{1000.0 * size:.3g} mm" if size < _SMALLEST_OBJECT else f"{size:.3g} m"
     raise ScenarioError(
-        f"The object '{name}' is {size:.3g} m large.",
+        f"The object '{name}' is {text} large.",
         remedy="Check the units of its model's file: lengths are in metres, and each mesh has a "
         f"scale. An object is {_SMALLEST_OBJECT:g} m to {_LARGEST_OBJECT:g} m large.",
     )

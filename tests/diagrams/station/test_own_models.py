@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from own_models import (
     HANDLE,
+    PACKAGE_MUG,
     mjcf_file,
     mjcf_mug,
     mjcf_rack,
@@ -29,11 +30,6 @@ from poil_drake.geometry.rigid_transform import make_transform
 WRAPPER = '<link name="base_link"/>'
 ON_WRAPPER = (
     '<joint name="on" type="fixed"><parent>base_link</parent><child>cup::body</child></joint>'
-)
-
-PACKAGE_MUG = (
-    "{add_model: {name: mug, file: 'package://poil_drake/mugs/mug_a/mug_a.sdf', "
-    "default_free_body_pose: {body: {translation: [0.47, -0.12, 0.0]}}}}"
 )
 
 MUGS = {
