@@ -87,8 +87,10 @@ def test_materials_and_relative_indices_are_kept(tmp_path: Path) -> None:
     [handle] = frame.label_ids["mug/handle"]
     colours = np.concatenate([image.rgb[image.label == handle] for image in frame.images])
     assert len(colours) > 300
-    assert np.median(colours[:, 0]) > 100
-    assert np.all(colours[:, 1:] < 5)
+    # Edges mix with what is behind them.
+    red, green, blue = np.median(colours, axis=0)
+    assert red > 100
+    assert green == blue == 0
 
 
 @pytest.mark.render
