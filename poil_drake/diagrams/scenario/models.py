@@ -5,10 +5,12 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
+from pydrake.common.schema import Transform
 from pydrake.geometry import SceneGraph
 from pydrake.manipulation import ApplyNamedPositionsAsDefaults
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import (
+    AddModel,
     FlattenModelDirectives,
     GetScopedFrameByName,
     ModelDirective,
@@ -30,18 +32,24 @@ from poil_drake.models.panda_model import PANDA_PACKAGE, panda_package_directory
 
 _REMEDIES = {
     "unknown package": "Add the package's package.xml to poil.packages.",
-    "does not exist": "Correct the path. It is package://..., an absolute path, or relative to the "
-    "file that holds it.",
+    "does not exist": "Correct the path: package://..., absolute, or relative to the file that "
+    "holds it.",
+    "XML_ERROR": "Correct the XML of this file.",
+    "not a recognized type": "Use a URDF, SDFormat or MJCF file; expand a .xacro with the program "
+    "xacro.",
     "unsupported extension": "Convert the mesh to .obj, e.g. with trimesh.load(OLD).export(NEW) in "
     "Python, and name the new file in the model's file.",
-    "single <model>": "Save the one model that is needed as a file of its own.",
+    "supports mesh files in .obj": "Convert the mesh to .obj, e.g. with "
+    "trimesh.load(OLD).export(NEW) in Python, and name the new file in the model's file.",
     "instance names must be unique": "Give each add_model a name of its own.",
-    "no model instance named": "Correct the name of the model, or move the directive below the one "
-    "that adds the model.",
-    "already contains a joint": "Weld each link only once.",
-    "form one or more loops": "Remove a weld: each link needs only one, to its parent.",
+    "no model instance named": "Correct the name of the model, or move this directive below the "
+    "one that adds the model.",
+    "world_welds_to": "Weld each link only once. A model whose file welds it to the world (MJCF: a "
+    "body without a joint; SDFormat: <static>) needs no add_weld: write its pose into the file.",
+    "'found' failed": "The child of a weld is a link: exchange its parent and child.",
+    "one or more loops": "Remove a weld: a link needs only the one to its parent.",
 }
-"""What a user can do about Drake's errors that contain these words."""
+"""Words in Drake's errors -> what the user can do about them."""
 
 _REMEDY = "Check the files and the model, link and frame names in the directives."
 
@@ -118,52 +126,42 @@ def FlatDirectives(
 def AddModels(parser: Parser, directives: Sequence[ModelDirective]) -> None:
     """Adds the models, frames and welds of directives to the parser's plant.
 
-    A weld of the directives replaces the weld to the world that a model has from its file.
-    `FinishModels` sets the default poses.
+    `FinishModels` sets the default poses of free bodies.
 
     Args:
         parser: The parser of the plant.
         directives: The directives; see `FlatDirectives`.
 
     Raises:
-        ScenarioError: A file, model, link or frame does not exist.
+        ScenarioError: A file, model, link or frame does not exist; or a pose is random or infinite.
     """
-    plant, welded = parser.plant(), set[str]()
-    for directive in copy.deepcopy(list(directives)):
-        weld, model = directive.add_weld, directive.add_model
-        problem = "A directive cannot be processed"
-        if model is not None:
-            model.default_free_body_pose = {}
-            problem = f"The model '{model.name}' cannot be added"
-        elif weld is not None:
-            problem = f"'{weld.child}' cannot be welded to '{weld.parent}'"
-        with DrakeErrorsExplained(problem, remedy=_REMEDY, remedies=_REMEDIES):
-            if weld is None:
-                ProcessModelDirectives(ModelDirectives(directives=[directive]), parser)
-                continue
-            parent, child = (GetScopedFrameByName(plant, n) for n in (weld.parent, weld.child))
-            if weld.child not in welded:
-                _unweld(plant, child.body())
-                welded.add(weld.child)
-            X_PC = RigidTransform() if weld.X_PC is None else weld.X_PC.GetDeterministicValue()
-            plant.WeldFrames(parent, child, X_PC)
+    for directive in directives:
+        frame, weld = directive.add_frame, directive.add_weld
+        if frame is not None:
+            _value(frame.X_PF, f"The X_PF of the frame '{frame.name}'")
+        if weld is not None and weld.X_PC is not None:
+            _value(weld.X_PC, f"The X_PC of the weld of '{weld.child}'")
+    unposed = copy.deepcopy(list(directives))
+    for model in _models(unposed):
+        model.default_free_body_pose = {}
+    with DrakeErrorsExplained(
+        "The directives cannot be processed", remedy=_REMEDY, remedies=_REMEDIES
+    ):
+        ProcessModelDirectives(ModelDirectives(directives=unposed), parser)
 
 
-def _unweld(plant: MultibodyPlant, body: RigidBody) -> None:
-    """Removes the weld between the world and a body, so that another can replace it."""
-    for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
-        pair = (joint.parent_body().index(), joint.child_body().index())
-        if joint.type_name() != "weld" or pair != (plant.world_body().index(), body.index()):
-            continue
-        # Drake removes no joints while there are constraints, e.g. between a hand's fingers.
-        if plant.num_constraints() > 0:
-            raise ScenarioError(
-                f"The file of '{body.scoped_name().get_full()}' welds it to the world already.",
-                remedy="Remove its add_weld, and write the pose into the file (MJCF: pos and quat "
-                "of the body; SDFormat: <pose>); or move the directives that add and weld the "
-                "model above those of the robot.",
-            )
-        plant.RemoveJoint(joint)
+def _models(directives: Sequence[ModelDirective]) -> list[AddModel]:
+    return [d.add_model for d in directives if d.add_model is not None]
+
+
+def _value(pose: Transform, name: str) -> RigidTransform:
+    """Returns the value of a pose, after checking that it is finite and not random."""
+    remedy = "Use finite numbers, and no random distribution."
+    with DrakeErrorsExplained(f"{name} cannot be used", remedy=remedy):
+        value = pose.GetDeterministicValue()
+    if not np.isfinite(value.GetAsMatrix4()).all():
+        raise ScenarioError(f"{name} is not finite.", remedy=remedy)
+    return value
 
 
 def SetInitialPositions(
@@ -200,15 +198,14 @@ def FinishModels(plant: MultibodyPlant, directives: Sequence[ModelDirective]) ->
     """
     with DrakeErrorsExplained("The models do not fit together", remedy=_REMEDY, remedies=_REMEDIES):
         plant.Finalize()
-    for model in (d.add_model for d in directives if d.add_model is not None):
-        for name, pose in model.default_free_body_pose.items():
-            body = _free_body(plant, model.name, name)
+    for model in _models(directives):
+        for link, pose in model.default_free_body_pose.items():
+            body, name = _free_body(plant, model.name, link), f"{model.name}::{link}"
+            X_PB = _value(pose, f"The default_free_body_pose of '{name}'")
             with DrakeErrorsExplained(
-                f"The default_free_body_pose of '{model.name}::{name}' cannot be used",
-                remedy="Use a deterministic pose. Leave base_frame out for the world, or name a "
-                "frame of a model.",
+                f"The base_frame of the default_free_body_pose of '{name}' cannot be used",
+                remedy="Leave it out for the world, or name a frame of a model.",
             ):
-                X_PB = pose.GetDeterministicValue()
                 parent = GetScopedFrameByName(plant, pose.base_frame or "world")
             X_WP = parent.CalcPoseInWorld(plant.CreateDefaultContext())
             plant.SetDefaultFloatingBaseBodyPose(body, X_WP @ X_PB)

@@ -54,7 +54,7 @@ def test_a_package_is_named_by_its_file_or_a_folder_around_it(
 @pytest.mark.parametrize(
     ("packages", "says"),
     [
-        ("[]", "'mug' cannot be added: .*unknown package 'lab_mugs'. .*poil.packages"),
+        ("[]", "refers to unknown package 'lab_mugs'. .*poil.packages"),
         ("[nowhere/package.xml]", "package '.*nowhere/package.xml' cannot be used.*poil.packages"),
         ("[ws, copy/package.xml]", "'.*copy/package.xml' cannot be used.*each package once"),
         ("lab_mugs", "poil.packages' is 'lab_mugs', but a list"),

@@ -298,42 +298,34 @@ STATIC_RACK = """<model name="rack"><static>true</static><link name="stand"><pos
 
 
 @pytest.mark.parametrize(
-    ("text", "name", "rod"),
+    ("text", "name", "place"),
     [
-        (mjcf_file(mjcf_rack()), "rack.xml", "rod_bar"),
-        (mjcf_file(mjcf_rack("<freejoint/>")), "rack.xml", "rod_bar"),
-        (sdf_file(STATIC_RACK), "rack.sdf", "rod"),
+        (mjcf_file(mjcf_rack()), "rack.xml", [0.55, 0.30, 0.0]),
+        (sdf_file(STATIC_RACK), "rack.sdf", [1.0, 0.0, 0.0]),
     ],
 )
-def test_a_weld_replaces_the_one_in_a_racks_file(
-    text: str, name: str, rod: str, tmp_path: Path
+def test_a_rack_that_its_file_welds_is_not_welded_again(
+    text: str, name: str, place: list[float], tmp_path: Path
 ) -> None:
     file = tmp_path / name
     file.write_text(text)
-    poil = f"demonstration_motion: {{hanging: {{rod: {rod}}}}}"
-    scenario = ChooseScenario(data=own_scenario(rack=str(file), more=PACKAGE_MUG, poil=poil))
+    options = {"rack": str(file), "more": PACKAGE_MUG}
+    options["poil"] = "demonstration_motion: {hanging: {rod: 'rod.*'}}"
 
+    with pytest.raises(ScenarioError, match=r"needs no add_weld: write its pose into the file"):
+        MakeStation(ChooseScenario(data=own_scenario(**options)), cameras=False)
+
+    scenario = ChooseScenario(data=own_scenario(**options, weld_rack=""))
     plant = MakeStation(scenario, cameras=False).plant()
-
     X_WS = plant.GetBodyByName("stand").EvalPoseInWorld(plant.CreateDefaultContext())
-    np.testing.assert_allclose(X_WS.translation(), [0.55, 0.30, 0.0], atol=1e-9)
-
-
-def test_a_weld_below_the_robots_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "rack.xml").write_text(mjcf_file(mjcf_rack()))
-    rack = f"{{add_model: {{name: rack, file: '{tmp_path}/rack.xml'}}}}"
-    weld = "{add_weld: {parent: world, child: 'rack::stand'}}"
-    text = own_scenario(rack="", weld_rack="", more=f"{PACKAGE_MUG}, {rack}, {weld}")
-
-    with pytest.raises(ScenarioError, match=r"'rack::stand' welds it to the world.*pos and quat"):
-        MakeStation(ChooseScenario(data=text), cameras=False)
+    np.testing.assert_allclose(X_WS.translation(), place, atol=1e-9)
 
 
 def test_two_welds_of_one_link_are_refused() -> None:
     weld = "{add_weld: {parent: world, child: 'rack::stand'}}"
     scenario = ChooseScenario(data=own_scenario(more=f"{PACKAGE_MUG}, {weld}"))
 
-    with pytest.raises(ScenarioError, match=r"'rack::stand' cannot be welded.*Weld each link only"):
+    with pytest.raises(ScenarioError, match="Weld each link only once"):
         MakeStation(scenario, cameras=False)
 
 
@@ -342,4 +334,71 @@ def test_welds_that_form_a_loop_are_refused() -> None:
     scenario = ChooseScenario(data=own_scenario(more=f"{PACKAGE_MUG}, {weld}"))
 
     with pytest.raises(ScenarioError, match=r"do not fit together.*Remove a weld"):
+        MakeStation(scenario, cameras=False)
+
+
+def test_a_filter_may_name_bodies_of_several_models() -> None:
+    group = "{add_collision_filter_group: {name: loose, members: ['mug::body', 'table::table'], "
+    group += "ignored_collision_filter_groups: [loose]}}"
+    scenario = ChooseScenario(data=own_scenario(more=f"{PACKAGE_MUG}, {group}"))
+
+    station = MakeStation(scenario, cameras=False)
+
+    plant, inspector = station.plant(), station.scene_graph().model_inspector()
+    mug, table = (
+        plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name, model))[0]
+        for name, model in (
+            ("body", plant.GetModelInstanceByName("mug")),
+            ("table", plant.GetModelInstanceByName("table")),
+        )
+    )
+    assert inspector.CollisionFiltered(mug, table)
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ("{add_weld: {parent: 'mug::body', child: world}}", "exchange its parent and child"),
+        ("{add_weld: {parent: world, child: 'rak::stand'}}", "'rak'.*below the one that adds"),
+        (
+            "{add_weld: {parent: world, child: 'mug::body', X_PC: {translation: [.inf, 0, 0]}}}",
+            "X_PC",
+        ),
+        (
+            "{add_frame: {name: a, X_PF: {base_frame: world, rotation: !Uniform {}}}}",
+            "X_PF of the frame 'a' cannot be used.*no random",
+        ),
+        (PACKAGE_MUG, "'mug'.*Give each add_model a name"),
+        ("{add_model: {name: a, file: a.urdf.xacro}}", "expand a .xacro"),
+        ("{add_model: {name: a, file: torn.urdf}}", "torn.urdf.*Correct the XML"),
+        ("{add_model: {name: a, file: stl.xml}}", r"a.stl.*Convert the mesh to .obj"),
+    ],
+)
+def test_mistakes_in_directives_are_explained(change: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "a.urdf.xacro").write_text("<robot/>")
+    (tmp_path / "torn.urdf").write_text("<robot name='a'><link")
+    (tmp_path / "a.stl").write_text("solid a\nendsolid a\n")
+    mesh = "<asset><mesh name='a' file='a.stl'/></asset><worldbody><geom type='mesh' mesh='a'/>"
+    (tmp_path / "stl.xml").write_text(f"<mujoco>{mesh}</worldbody></mujoco>")
+    (tmp_path / "scene.yaml").write_text(f"Own: {own_scenario(more=f'{PACKAGE_MUG}, {change}')}")
+
+    with pytest.raises(ScenarioError, match=says) as info:
+        MakeStation(LoadScenario(filename=tmp_path / "scene.yaml"), cameras=False)
+
+    assert "\n" not in str(info.value)
+
+
+@pytest.mark.parametrize(
+    ("pose", "says"),
+    [
+        ("translation: [.inf, 0, 0]", "of 'mug::body' is not finite"),
+        ("rotation: !Uniform {}", "of 'mug::body' cannot be used.*no random"),
+        ("base_frame: shelf", "base_frame of .* of 'mug::body' cannot be used.*'shelf'"),
+    ],
+)
+def test_a_pose_that_cannot_be_used_is_refused(pose: str, says: str) -> None:
+    more = PACKAGE_MUG.replace("translation: [0.47, -0.12, 0.0]", pose)
+    scenario = ChooseScenario(data=own_scenario(more=more))
+
+    with pytest.raises(ScenarioError, match=says):
         MakeStation(scenario, cameras=False)
