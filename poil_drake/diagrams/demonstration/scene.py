@@ -13,7 +13,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
-from poil_drake.diagrams.scenario.meshes import PrepareMeshes
+from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
 from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
 from poil_drake.diagrams.scenario.model_parts import (
     BaseBody,
@@ -33,7 +33,7 @@ from poil_drake.diagrams.scenario.models import (
     FlatDirectives,
     SetInitialPositions,
 )
-from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.poil_config import PartRegion, PoilConfig
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
@@ -83,13 +83,14 @@ class DemonstrationScene:
             AddModels(parser, [ModelDirective(add_model=stand_in)])
         # The demonstration's object may have other joints.
         SetInitialPositions(self._plant, scenario, without={*removed, poil.object})
-        PrepareMeshes(self._plant, self._scene_graph)
+        RequireMetres(self._scene_graph)
         parts = demonstrated_parts(poil)
         label_ids = AssignLabels(
             plant=self._plant,
             scene_graph=self._scene_graph,
             parts={self.object_name: parts, poil.fixture: {}},
         )
+        MakeMeshesDrawable(self._plant, self._scene_graph)
         self._label_ids = {
             "/".join([poil.object, *name.split("/")[1:]])
             if name.split("/")[0] == self.object_name
@@ -114,7 +115,8 @@ class DemonstrationScene:
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
-        self.part_link = parts[poil.part]
+        part = parts[poil.part]
+        self.part_link = part if isinstance(part, str) else poil.part
         self.camera_names = tuple(camera.name for camera in self._cameras)
         self._renderer = IncrementalRenderer(self._diagram, self._scene_graph, self.camera_names)
 
@@ -180,14 +182,15 @@ class DemonstrationScene:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
 
 
-def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
-    """Returns part name -> link or expression for geometries, for the demonstration's object.
+def demonstrated_parts(poil: PoilConfig) -> dict[str, str | PartRegion]:
+    """Returns part name -> link, expression for geometries, or region, of the demonstrated object.
 
-    The package's mugs have the link "handle". For other objects, `poil.parts` applies.
+    What `poil.demonstration_parts` does not list is the link "handle" for the package's mugs, and
+    as in `poil.parts` for other objects.
     """
     if poil.demonstration_object.startswith(_OWN_MUGS):
-        return {poil.part: _OWN_MUGS_PART}
-    return {poil.part: poil.part, **poil.parts}
+        return {poil.part: _OWN_MUGS_PART, **poil.demonstration_parts}
+    return {poil.part: poil.part, **poil.parts, **poil.demonstration_parts}
 
 
 def demonstration_directives(

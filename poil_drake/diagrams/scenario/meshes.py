@@ -17,41 +17,61 @@ _CORNER_WITHOUT_NORMAL = re.compile(r"^\s*f\b.*[ \t]-?\d+(?:/-?\d*)?(?=\s|$)", r
 _USED_FILE = re.compile(r"^[ \t]*(?:mtllib|map_\w+)[ \t].*?([^ \t\r\n]+)[ \t\r]*$", re.MULTILINE)
 
 
-def PrepareMeshes(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
-    """Replaces visual meshes that Drake's renderer cannot draw, and checks the sizes of all meshes.
+def RequireMetres(scene_graph: SceneGraph) -> None:
+    """Checks that no mesh is so large that its unit must be millimetres.
 
-    OBJ files without normals get the normals of their faces; STL and PLY files become OBJ. The
-    replacements are in memory. Call this before cameras are added.
+    Raises:
+        ScenarioError: A mesh is.
+    """
+    inspector = scene_graph.model_inspector()
+    for geometry in inspector.GetAllGeometryIds():
+        _require_metres(inspector.GetShape(geometry), inspector.GetName(geometry))
+
+
+def MakeMeshesDrawable(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Replaces visual meshes that Drake's renderer cannot draw, in memory.
+
+    OBJ files without normals get the normals of their faces; STL and PLY files become OBJ. Call
+    this before cameras are added.
 
     Args:
         plant: The plant with all models.
         scene_graph: The plant's scene graph.
 
     Raises:
-        ScenarioError: A mesh cannot be read or drawn, or is so large that its unit must be
-            millimetres.
+        ScenarioError: A mesh cannot be read or drawn, or is in millimetres.
     """
     inspector = scene_graph.model_inspector()
     for geometry in inspector.GetAllGeometryIds():
         shape, name = inspector.GetShape(geometry), inspector.GetName(geometry)
-        if not isinstance(shape, Mesh | Convex) or not shape.source().is_path():
+        if (
+            inspector.GetPerceptionProperties(geometry) is None
+            or not isinstance(shape, Mesh | Convex)
+            or not shape.source().is_path()
+        ):
             continue
         path = Path(shape.source().path())
-        if inspector.GetPerceptionProperties(geometry) is not None:
-            text = _replacement(path, name)
-            if text is not None:
-                mesh = InMemoryMesh(
-                    mesh_file=MemoryFile(text, ".obj", str(path)),
-                    supporting_files=_supporting_files(text, path.parent),
-                )
-                shape = Mesh(mesh, scale3=shape.scale3())
-                scene_graph.ChangeShape(plant.get_source_id(), geometry, shape)
-        size = np.max(np.ptp(BoxCorners(shape), axis=1))
-        if size > _LARGEST:
-            raise ScenarioError(
-                f"The mesh {path} of '{name}' is {size:.0f} m large; it looks like millimetres.",
-                remedy="Set the mesh's scale to 0.001 0.001 0.001 in the model's file.",
+        text = _replacement(path, name)
+        if text is not None:
+            mesh = InMemoryMesh(
+                mesh_file=MemoryFile(text, ".obj", str(path)),
+                supporting_files=_supporting_files(text, path.parent),
             )
+            drawn = Mesh(mesh, scale3=shape.scale3())
+            _require_metres(drawn, name)
+            scene_graph.ChangeShape(plant.get_source_id(), geometry, drawn)
+
+
+def _require_metres(shape: Shape, name: str) -> None:
+    if not isinstance(shape, Mesh | Convex):
+        return
+    source, size = shape.source(), np.max(np.ptp(BoxCorners(shape), axis=1))
+    if size > _LARGEST:
+        file = source.path() if source.is_path() else source.in_memory().mesh_file.filename_hint()
+        raise ScenarioError(
+            f"The mesh {file} of '{name}' is {size:.0f} m large; it looks like millimetres.",
+            remedy="Set the mesh's scale to 0.001 0.001 0.001 in the model's file.",
+        )
 
 
 def BoxCorners(shape: Shape) -> np.ndarray:

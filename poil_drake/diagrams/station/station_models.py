@@ -8,7 +8,7 @@ from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
-from poil_drake.diagrams.scenario.meshes import PrepareMeshes
+from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
 from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
 from poil_drake.diagrams.scenario.model_parts import (
     CollisionGeometries,
@@ -29,6 +29,7 @@ from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.diagrams.station.panda_arm import SetControllerGains
 from poil_drake.errors import ScenarioError
 from poil_drake.robots.panda import BASE_LINK
+from poil_drake.systems.disturbance_injector import pulses_with_bodies
 
 PrefinalizeCallback = Callable[[Parser], None]
 """Called with the parser while models can still be added."""
@@ -89,12 +90,13 @@ def AddStationModels(
     RequireModels(plant, {r: getattr(poil, r) for r in ("robot", "object", "fixture")})
     SetControllerGains(plant, scenario)
     SetInitialPositions(plant, scenario)
-    PrepareMeshes(plant, scene_graph)
+    RequireMetres(scene_graph)
     label_ids = AssignLabels(
         plant=plant,
         scene_graph=scene_graph,
         parts={poil.object: {poil.part: poil.part, **poil.parts}, poil.fixture: {}},
     )
+    MakeMeshesDrawable(plant, scene_graph)
     if parser_prefinalize_callback is not None:
         parser_prefinalize_callback(parser)
     FinishModels(plant, directives)
@@ -108,7 +110,7 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
     Raises:
         ScenarioError: The object cannot move freely, or its size is wrong; the robot's base is not
             fixed to the world; the fixture has no rod; `model_drivers` names another model than the
-            robot; or a joint starts outside its limits.
+            robot; a joint starts outside its limits; or a disturbance acts on an unknown body.
     """
     poil = scenario.poil
     _require_holder(plant, inspector, poil)
@@ -121,6 +123,7 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
                 f"model_drivers names '{name}', but only the robot '{poil.robot}' has a driver.",
                 remedy=f"Rename this key of model_drivers to '{poil.robot}', or remove it.",
             )
+    pulses_with_bodies(plant, poil.disturbances)
     RequireStartWithinLimits(plant)
 
 

@@ -13,6 +13,8 @@ from poil_drake.diagrams.scenario.model_parts import (
     ModelGeometry,
     PartGeometries,
 )
+from poil_drake.diagrams.scenario.poil_config import PartRegion
+from poil_drake.diagrams.station.cameras.part_regions import SeparateParts
 from poil_drake.errors import ScenarioError
 
 
@@ -20,7 +22,7 @@ def AssignLabels(
     *,
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
-    parts: Mapping[str, Mapping[str, str]],
+    parts: Mapping[str, Mapping[str, str | PartRegion]],
 ) -> dict[str, tuple[int, ...]]:
     """Gives every model and every named part its own render label.
 
@@ -29,8 +31,10 @@ def AssignLabels(
     Args:
         plant: The plant with all models.
         scene_graph: The plant's scene graph.
-        parts: Model -> part -> name of the part's link, or a regular expression for the whole names
-            of the part's geometries, without the model's scope. See `ModelBodies` for the models.
+        parts: Model -> part -> name of the part's link, a regular expression for the whole names of
+            the part's geometries, without the model's scope, or a region of the model's visual
+            meshes. Meshes that reach into a region are split there. See `ModelBodies` for the
+            models.
 
     Returns:
         Name -> labels. "mug" has all labels of the model, and "mug/handle" those of the part.
@@ -46,12 +50,13 @@ def AssignLabels(
             f"The scenario names parts of the model '{unknown}', which no directive adds.",
             remedy=f"Choose one of: {', '.join(models)}.",
         )
-    inspector = scene_graph.model_inspector()
     for model, bodies in models.items():
+        patterns = SeparateParts(plant, scene_graph, model, parts.get(model, {}))
+        inspector = scene_graph.model_inspector()
         geometries = ModelGeometries(plant, inspector, model, Role.kPerception, bodies=bodies)
         assigned = {
             part: _geometries_of_part(geometries, pattern, model=model, part=part)
-            for part, pattern in parts.get(model, {}).items()
+            for part, pattern in patterns.items()
         }
         taken: dict[GeometryId, str] = {}
         for part, found in assigned.items():
