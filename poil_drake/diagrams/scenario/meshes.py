@@ -8,6 +8,7 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import CalcObb, Convex, InMemoryMesh, Mesh, SceneGraph, Shape
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.errors import ScenarioError
 
 _READ = (".obj", ".gltf", ".vtk")  # Formats that Drake reads.
@@ -21,7 +22,7 @@ def RequireMetres(scene_graph: SceneGraph) -> None:
     """Checks that no mesh is so large that its unit must be millimetres.
 
     Raises:
-        ScenarioError: A mesh is.
+        ScenarioError: A mesh is, or it cannot be read.
     """
     inspector = scene_graph.model_inspector()
     for geometry in inspector.GetAllGeometryIds():
@@ -65,9 +66,13 @@ def MakeMeshesDrawable(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
 def _require_metres(shape: Shape, name: str) -> None:
     if not isinstance(shape, Mesh | Convex):
         return
-    source, size = shape.source(), np.max(np.ptp(BoxCorners(shape), axis=1))
+    source = shape.source()
+    file = source.path() if source.is_path() else source.in_memory().mesh_file.filename_hint()
+    with DrakeErrorsExplained(
+        f"The mesh {file} of '{name}' cannot be read", remedy="Export the mesh again as OBJ."
+    ):
+        size = np.max(np.ptp(BoxCorners(shape), axis=1))
     if size > _LARGEST:
-        file = source.path() if source.is_path() else source.in_memory().mesh_file.filename_hint()
         raise ScenarioError(
             f"The mesh {file} of '{name}' is {size:.0f} m large; it looks like millimetres.",
             remedy="Set the mesh's scale to 0.001 0.001 0.001 in the model's file.",

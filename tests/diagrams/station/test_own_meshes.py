@@ -75,7 +75,7 @@ def test_materials_and_relative_indices_are_kept(tmp_path: Path) -> None:
     # Indices from the end of the eight vertices.
     vertices, faces = GRIP[: GRIP.index("f")], GRIP[GRIP.index("f") :]
     for index in range(8, 0, -1):
-        faces = faces.replace(f" {index}", f" -{9 - index}/")
+        faces = faces.replace(f" {index}", f" -{9 - index}")
     (tmp_path / "grip.obj").write_text(f"mtllib paint.mtl\n{vertices}usemtl red\n{faces}")
     station = MakeStation(
         ChooseScenario(data=own_scenario(mug=write_mug(tmp_path, "grip.obj"))),
