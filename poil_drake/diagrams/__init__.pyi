@@ -1,3 +1,4 @@
+from .demonstration.camera_recorder import RecordFromCameras as RecordFromCameras
 from .demonstration.recorder import RecordDemonstration as RecordDemonstration
 from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.closed_loop import MakeClosedLoop as MakeClosedLoop
