@@ -68,14 +68,15 @@ def RequireModels(plant: MultibodyPlant, models: Mapping[str, str]) -> None:
     for role, name in models.items():
         if ModelBodies(plant, name) and (role != "robot" or plant.HasModelInstanceNamed(name)):
             continue
-        problem = f"poil.{role} is '{name}', but no directive adds a model with that name."
         if plant.HasModelInstanceNamed(name):
-            problem = f"poil.{role} is '{name}', a model without bodies."
+            raise ScenarioError(
+                f"poil.{role} is '{name}', a model without bodies.",
+                remedy="Put its shapes into a link or, in MJCF, into a <body> of the world.",
+            )
         raise ScenarioError(
-            problem,
-            remedy=f"Choose one of: {', '.join(BodiesByModel(plant))}. One body of a model, with "
-            "all that it carries, is <model>::<body>. In MJCF, shapes outside of a <body> belong "
-            "to the world.",
+            f"poil.{role} is '{name}', but no directive adds a model with that name.",
+            remedy=f"Choose one of: {', '.join(BodiesByModel(plant))}; or <model>::<body> for one "
+            "body of a model.",
         )
     for (role, name), (other, other_name) in combinations(models.items(), 2):
         if set(ModelBodies(plant, name)) & set(ModelBodies(plant, other_name)):
