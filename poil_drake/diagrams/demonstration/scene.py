@@ -81,9 +81,9 @@ class DemonstrationScene:
             _remove_geometry(self._plant, self._scene_graph, ModelBodies(self._plant, poil.object))
             stand_in = AddModel(name=_STAND_IN, file=poil.demonstration_object)
             AddModels(parser, [ModelDirective(add_model=stand_in)])
+        RequireMetres(self._scene_graph)
         # The demonstration's object may have other joints.
         SetInitialPositions(self._plant, scenario, without={*removed, poil.object})
-        RequireMetres(self._scene_graph)
         parts = demonstrated_parts(poil)
         label_ids = AssignLabels(
             plant=self._plant,

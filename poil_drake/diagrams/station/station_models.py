@@ -88,9 +88,9 @@ def AddStationModels(
     directives = FlatDirectives(scenario.directives, parser.package_map())
     AddModels(parser, directives)
     RequireModels(plant, {r: getattr(poil, r) for r in ("robot", "object", "fixture")})
+    RequireMetres(scene_graph)
     SetControllerGains(plant, scenario)
     SetInitialPositions(plant, scenario)
-    RequireMetres(scene_graph)
     label_ids = AssignLabels(
         plant=plant,
         scene_graph=scene_graph,
