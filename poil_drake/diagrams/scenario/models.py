@@ -117,6 +117,7 @@ def FlatDirectives(
         with DrakeErrorsExplained(
             "A file of directives cannot be read",
             remedy="Check the files that add_directives names.",
+            remedies=_REMEDIES,
         ):
             file = ModelDirectives(directives=[directive])
             flat += FlattenModelDirectives(file, packages).directives

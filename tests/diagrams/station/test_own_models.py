@@ -461,3 +461,21 @@ def test_a_pose_that_cannot_be_used_is_refused(pose: str, says: str) -> None:
 
     with pytest.raises(ScenarioError, match=says):
         MakeStation(scenario, cameras=False)
+
+
+def test_directives_of_a_file_may_have_a_namespace(tmp_path: Path) -> None:
+    rules = "{add_collision_filter_group: {name: g, members: ['mug::body', 'stand::table'], "
+    rules += "ignored_collision_filter_groups: [g]}}"
+    table = "{add_model: {name: stand, file: 'package://poil_drake/fixtures/table.sdf'}}"
+    weld = "{add_weld: {parent: world, child: 'stand::table', X_PC: {translation: [0, 0, 0.5]}}}"
+    file = tmp_path / "corner.dmd.yaml"
+    file.write_text(f"directives: [{table}, {weld}, {PACKAGE_MUG}, {rules}]")
+    space = "{add_model_instance: {name: lab}}"
+    added = f"{{add_directives: {{file: '{file}', model_namespace: lab}}}}"
+    data = own_scenario(more=f"{space}, {added}", poil="object: 'lab::mug'")
+
+    station = MakeStation(ChooseScenario(data=data), cameras=False)
+
+    pose = station.object_body().EvalPoseInWorld(station.plant().CreateDefaultContext())
+    np.testing.assert_allclose(pose.translation(), [0.47, -0.12, 0.0], atol=1e-9)
+    assert {"lab::mug", "lab::mug/handle", "lab"} <= set(station.label_ids)
