@@ -115,7 +115,7 @@ def FlatDirectives(
             flat.append(directive)
             continue
         with DrakeErrorsExplained(
-            "A file of directives cannot be read",
+            "A file of add_directives cannot be read",
             remedy="Check the files that add_directives names.",
             remedies=_REMEDIES,
         ):
