@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 import numpy as np
+from pydrake.geometry import DefaultProximityProperties, SceneGraphConfig
 from pydrake.lcm import DrakeLcmParams
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
@@ -54,6 +55,10 @@ class Scenario:
             are discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
             `use_error_control` have no effect.
         plant_config: Drake's plant settings, but `poil.rates.plant` replaces `time_step`.
+        scene_graph_config: Drake's contact properties of geometries whose models state none. With
+            the `compliance_type` undefined, those that can move become rigid and those fixed to the
+            world compliant, which suits the compliant finger pads; `rigid` or `compliant` applies
+            to both, as in Drake. Without a `resolution_hint`, round shapes get 24 edges around.
         directives: The models: files, welds, default poses. A file is `package://...`,
             `file://...`, or a path relative to the scenario file.
         lcm_buses: Name -> LCM network. The default network sends nothing.
@@ -80,6 +85,11 @@ class Scenario:
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
             contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
+        )
+    )
+    scene_graph_config: SceneGraphConfig = field(
+        default_factory=lambda: SceneGraphConfig(
+            default_proximity_properties=DefaultProximityProperties(resolution_hint=None)
         )
     )
     directives: list[ModelDirective] = field(default_factory=list)

@@ -21,6 +21,7 @@ from poil_drake.diagrams.station.cameras.cameras import (
     CheckCameras,
     MakeCameraModels,
 )
+from poil_drake.diagrams.station.contact_properties import ApplySceneGraphConfig
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
@@ -104,6 +105,7 @@ class SimulatedStation(Station):
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
+        ApplySceneGraphConfig(self._plant, self._scene_graph, scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0
