@@ -19,6 +19,7 @@ from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
+from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.models import (
     AddModels,
@@ -72,6 +73,7 @@ class DemonstrationScene:
         AddModels(parser, directives)
         for role, name in (("object", poil.object), ("fixture", poil.fixture)):
             RequireModel(self._plant, name, role)
+        ReplaceConcaveMeshes(self._plant, self._scene_graph, poil)
         # The demonstration's object may have other joints.
         SetInitialPositions(self._plant, scenario, without={*removed, poil.object})
         parts = demonstrated_parts(poil)

@@ -189,6 +189,9 @@ class PoilConfig:
             geometries. A part that is not listed is the link of the same name.
         fixture: Model instance with which the object interacts.
         robot: Model instance of the robot.
+        collision: What becomes of concave collision meshes, of which Drake would use the filled
+            convex hull: "decompose" replaces them by convex pieces, "hull" keeps the hull, and None
+            refuses them.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
         demonstration_object_label: The object's name in the recording; None means `object`.
@@ -217,6 +220,7 @@ class PoilConfig:
     parts: Mapping[str, str] = field(default_factory=dict)
     fixture: str = "rack"
     robot: str = "panda"
+    collision: str | None = None
     table_height: float = 0.0
     demonstration: str | None = None
     demonstration_object_label: str | None = None
@@ -245,6 +249,10 @@ class PoilConfig:
                     f"poil.{name} is {getattr(self, name)}, which is too few.",
                     remedy=f"It must be at least {lowest}.",
                 )
+        if self.collision not in (None, "decompose", "hull"):
+            raise ScenarioError(
+                f"poil.collision is '{self.collision}'.", remedy="Choose 'decompose' or 'hull'."
+            )
         for name in ("eta", "max_angular_speed", "max_linear_speed"):
             require_positive(f"poil.{name}", getattr(self, name))
         require_not_negative("poil.latency", self.latency)

@@ -9,6 +9,7 @@ from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
@@ -83,6 +84,7 @@ def AddStationModels(
     AddModels(parser, scenario.directives)
     for role in ("robot", "object", "fixture"):
         RequireModel(plant, getattr(poil, role), role)
+    ReplaceConcaveMeshes(plant, scene_graph, poil)
     SetControllerGains(plant, scenario)
     SetInitialPositions(plant, scenario)
     label_ids = AssignLabels(
