@@ -23,9 +23,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.scenario import Scenario
 
-_SEGMENTS = 24
-"""Straight edges around a round shape. Its facets are 0.9 % of the radius off: 0.3 mm at a mug's
-body, 0.05 mm at a handle. The contact's computing time grows with their number."""
+_SEGMENTS = 16
+"""Straight edges around a round shape. Its facets are 2 % of the radius off: 0.5 mm at the thickest
+cylinder that fits the hand, 0.1 mm at a handle. The computing time grows with their number."""
 
 _MODULUS = 1e7  # [Pa] Drake's default.
 _SLAB_THICKNESS = 0.05  # [m] of half-spaces, which are the planes of MJCF files: a table top's.
@@ -40,7 +40,8 @@ def ApplySceneGraphConfig(
     With the compliance type "undefined", which is the default, geometries that can move become
     rigid and those that are fixed to the world become compliant. The compliant finger pads then
     hold every object by a surface of contact instead of single points, and objects stand still on
-    every table. Round shapes without a resolution get one that suits their radius.
+    every table. Spheres, which touch at one point anyway, keep point contact. Other round shapes
+    without a resolution get one that suits their radius.
 
     Args:
         plant: The finalized plant.
