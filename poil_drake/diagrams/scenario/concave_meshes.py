@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydrake.geometry import Convex, GeometryId, Mesh, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import QhullError, cKDTree
 
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import MissingDependencyError, ScenarioError
@@ -16,11 +16,9 @@ from poil_drake.runtime.user_cache import cached_directory
 if TYPE_CHECKING:
     import trimesh
 
-_DEEPEST_DENT = 0.002
-"""A mesh is concave if some of its surface lies deeper than this in its convex hull [m]. Simulated
-contacts are off by as much."""
-
-_SAMPLES = 2000  # Points on a mesh's surface at which the depth is computed.
+_NEGLIGIBLE_GAP = 0.002  # [m] between a mesh and its convex hull.
+_SAMPLES, _HULL_SAMPLES = 10_000, 2_000  # Points on a mesh's surface, and on its convex hull.
+_SPACINGS = 3.0  # Random samples of one surface are up to 2 mean distances apart.
 _PIECE_CONCAVITY = 0.05  # CoACD's `threshold`: of a mug's handle, 6 pieces remain; of a mug, 26.
 
 
@@ -48,15 +46,15 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         if path.suffix.lower() not in (".obj", ".gltf"):
             continue
         mesh = _load(path, shape.scale3())
-        dent = _deepest_dent(mesh)
-        if dent <= _DEEPEST_DENT:
+        gap = _largest_gap(mesh)
+        if gap == 0.0:
             continue
         if poil.collision is None:
             body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
             raise ScenarioError(
-                f"The collision mesh '{path}' of '{body.scoped_name()}' is concave, "
-                f"{1000 * dent:.0f} mm deep, but in contacts Drake uses its convex hull: openings, "
-                "as of a handle or a cup, are filled.",
+                f"The collision mesh '{path}' of '{body.scoped_name()}' is concave: its convex "
+                f"hull, which Drake uses in contacts, is up to {1000 * gap:.0f} mm away from it. "
+                "This fills openings, as of a handle or a cup.",
                 remedy="Set poil.collision to 'decompose' to replace such meshes by convex pieces, "
                 "or to 'hull' if the filled shapes will do.",
             )
@@ -72,16 +70,22 @@ def _load(path: Path, scale: np.ndarray) -> "trimesh.Trimesh":
     return mesh.apply_transform(np.diag([*scale, 1.0]))
 
 
-def _deepest_dent(mesh: "trimesh.Trimesh") -> float:
-    """Returns the largest depth of a mesh's surface in its convex hull [m]; 0 for a flat mesh."""
+def _largest_gap(mesh: "trimesh.Trimesh") -> float:
+    """Returns the largest distance of the convex hull's surface from the mesh's [m].
+
+    The result is 0 if it is too small to matter or to be told from the distance between samples.
+    """
     import trimesh
 
     try:
-        planes = ConvexHull(mesh.vertices).equations
-    except (QhullError, ValueError):
+        hull = mesh.convex_hull
+    except (QhullError, ValueError):  # A flat mesh.
         return 0.0
-    points = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)[0]
-    return float(np.min(-planes[:, 3] - points @ planes[:, :3].T, axis=1).max())
+    points, _ = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)
+    covering, _ = trimesh.sample.sample_surface(hull, _HULL_SAMPLES, seed=0)
+    gap = float(cKDTree(points).query(covering)[0].max())
+    spacing = np.sqrt(mesh.area / _SAMPLES)
+    return gap if gap > max(_NEGLIGIBLE_GAP, _SPACINGS * spacing) else 0.0
 
 
 def _pieces(mesh: "trimesh.Trimesh") -> list[Path]:

@@ -66,7 +66,7 @@ def test_a_mug_without_contact_properties_is_held_by_its_rim(
     file_format: str, shapes: str, height: float, tmp_path: Path
 ) -> None:
     model = write_bare_mug(tmp_path, file_format=file_format, shapes=shapes, height=height)
-    station = station_with(model)
+    station = station_with(model, "{poil: {collision: hull}}")
     simulator = Simulator(station)
     context, plant = simulator.get_mutable_context(), station.plant()
     frame = plant.GetFrameByName("panda_hand_tcp")
