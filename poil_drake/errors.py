@@ -65,6 +65,10 @@ class NoImageError(CaptureError):
     """A camera that is open delivers an unusable image, or has no more images."""
 
 
+class NoMoreImagesError(NoImageError):
+    """A recording that stands in for a camera has ended."""
+
+
 class StationError(PoilError):
     """The simulation or hardware station cannot be built or has failed."""
 

@@ -1,3 +1,5 @@
+from .demonstration.camera_poses import CameraPoses as CameraPoses
+from .demonstration.camera_recorder import RecordFromCameras as RecordFromCameras
 from .demonstration.recorder import RecordDemonstration as RecordDemonstration
 from .loop.closed_loop import ClosedLoop as ClosedLoop
 from .loop.closed_loop import MakeClosedLoop as MakeClosedLoop

@@ -3,6 +3,9 @@
 from itertools import combinations
 from pathlib import Path
 
+from pydrake.systems.sensors import CameraConfig
+
+from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.hardware_config import (
     IMAGE_BUS_URL,
     CameraSource,
@@ -11,7 +14,7 @@ from poil_drake.diagrams.scenario.hardware_config import (
 )
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
+from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
 from poil_drake.perception.capture.device import CaptureDevice, make_device
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.camera_playback import CameraPlayback
@@ -58,7 +61,12 @@ def ImageChannel(source: LcmImages, camera: str) -> str:
 
 
 def MakeCaptureDevice(
-    source: CameraSource, scenario: Scenario, camera: CameraModel, *, clock: Clock
+    source: CameraSource,
+    scenario: Scenario,
+    camera: CameraModel,
+    *,
+    clock: Clock,
+    every_image: bool = False,
 ) -> CaptureDevice:
     """Returns the device that captures a camera's images.
 
@@ -67,6 +75,8 @@ def MakeCaptureDevice(
         scenario: Defines the LCM networks.
         camera: The camera's model.
         clock: Returns the current time [s since the epoch].
+        every_image: Whether a device that is read late delivers every image rather than the newest,
+            if it can: LCM images and recordings. Other devices have their own queues.
 
     Raises:
         PoilError: if the device cannot be used.
@@ -76,9 +86,10 @@ def MakeCaptureDevice(
             url=BusUrl(scenario, scenario.poil.hardware.image_bus, IMAGE_BUS_URL),
             channel=ImageChannel(source, camera.name),
             size=(camera.height, camera.width),
+            every_image=every_image,
         )
     if isinstance(source, McapPlayback):
-        return CameraPlayback(source, camera=camera, clock=clock)
+        return CameraPlayback(source, camera=camera, clock=clock, every_image=every_image)
     return make_device(source, camera=camera, clock=clock)
 
 
@@ -92,7 +103,8 @@ def CheckHardwareCameras(scenario: Scenario) -> None:
 
     Raises:
         ScenarioError: naming a camera that the scenario does not have, two cameras of one kind
-            whose serial numbers are equal or missing, or a recording that does not exist.
+            whose serial numbers are equal or missing, a recording that does not exist, or depth
+            that is not registered to colour.
     """
     cameras = scenario.poil.hardware.cameras
     for kind in (RealSense, Zed):
@@ -117,3 +129,19 @@ def CheckHardwareCameras(scenario: Scenario) -> None:
                 f"poil.hardware.cameras names '{name}', which is not among the cameras.",
                 remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
             )
+        if isinstance(source, OpenCvStreams) and not _one_view(name, scenario.cameras[name]):
+            raise ScenarioError(
+                f"cameras.{name} has its depth camera (X_BD) beside its colour camera (X_BC), but "
+                "!OpenCvStreams does not register depth to colour.",
+                remedy="Use a source of depth in the view of the colour camera and leave X_BD out, "
+                "or use !RealSense or !Zed, which register depth.",
+            )
+
+
+def _one_view(name: str, config: CameraConfig) -> bool:
+    """Returns whether the colour and the depth camera of a configuration have one pose."""
+    with DrakeErrorsExplained(
+        f"cameras.{name}.X_BC or X_BD cannot be used", remedy="Use deterministic poses."
+    ):
+        X_BC, X_BD = config.X_BC.GetDeterministicValue(), config.X_BD.GetDeterministicValue()
+    return bool(X_BC.IsNearlyEqualTo(X_BD, 1e-9))
