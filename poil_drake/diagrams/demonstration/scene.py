@@ -13,6 +13,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
+from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
 from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
 from poil_drake.diagrams.scenario.model_parts import (
@@ -82,6 +83,7 @@ class DemonstrationScene:
             stand_in = AddModel(name=_STAND_IN, file=poil.demonstration_object)
             AddModels(parser, [ModelDirective(add_model=stand_in)])
         RequireMetres(self._scene_graph)
+        ReplaceConcaveMeshes(self._plant, self._scene_graph, poil)
         # The demonstration's object may have other joints.
         SetInitialPositions(self._plant, scenario, without={*removed, poil.object})
         parts = demonstrated_parts(poil)

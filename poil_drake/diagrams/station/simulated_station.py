@@ -23,6 +23,7 @@ from poil_drake.diagrams.station.cameras.cameras import (
     CheckCameras,
     MakeCameraModels,
 )
+from poil_drake.diagrams.station.contact_properties import ApplySceneGraphConfig
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
@@ -108,6 +109,7 @@ class SimulatedStation(Station):
         )
         RequireMass(self._plant)
         RequireObjectInertia(self._plant, self._scene_graph.model_inspector(), poil.object)
+        ApplySceneGraphConfig(self._plant, self._scene_graph, scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0

@@ -8,6 +8,7 @@ from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
 from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
 from poil_drake.diagrams.scenario.model_parts import (
@@ -89,6 +90,7 @@ def AddStationModels(
     AddModels(parser, directives)
     RequireModels(plant, {r: getattr(poil, r) for r in ("robot", "object", "fixture")})
     RequireMetres(scene_graph)
+    ReplaceConcaveMeshes(plant, scene_graph, poil)
     SetControllerGains(plant, scenario)
     SetInitialPositions(plant, scenario)
     label_ids = AssignLabels(
