@@ -2,9 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import CalcObb, QueryObject, Role, SceneGraph
+from pydrake.geometry import CalcObb, Mesh, QueryObject, Role, SceneGraph
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import AddModel, ModelDirective, PackageMap, Parser
@@ -18,6 +19,7 @@ from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetre
 from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
 from poil_drake.diagrams.scenario.model_parts import (
     BaseBody,
+    BodiesByModel,
     CollisionGeometries,
     GeometryChoices,
     IsPartOf,
@@ -40,11 +42,30 @@ from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame, by_name
+from poil_drake.robots.panda import BASE_LINK
 
 _OWN_MUGS = "package://poil_drake/mugs/"
 _OWN_MUGS_PART = "handle"
 _STAND_IN = "demonstrated_object"
+
+_FAR_BELOW = 1e5  # [m]; distances from so far below are heights
+
+
+class Penetration(NamedTuple):
+    """A geometry that the object is inside.
+
+    Attributes:
+        depth: How deep [m].
+        model: The geometry's model, e.g. the fixture.
+        name: The geometry's name, without the model's scope.
+        is_mesh: Whether it is a mesh, which counts as its convex hull.
+    """
+
+    depth: float
+    model: str
+    name: str
+    is_mesh: bool
 
 
 class DemonstrationScene:
@@ -61,6 +82,9 @@ class DemonstrationScene:
         fixture_name: Model of the fixture.
         part_link: Link of the object's functional part, or regular expression for its geometries.
         camera_names: Names of the cameras.
+        table_height: Height of the plane on which objects stand [m, world].
+        object_position: (3,) where the scenario's own object starts [m, world].
+        robot_position: (3,) the position of the robot's base [m, world].
 
     Raises:
         ScenarioError: The directives cannot be processed; a model, part or joint that the
@@ -119,6 +143,8 @@ class DemonstrationScene:
         self._context = self._diagram.CreateDefaultContext()
         part = parts[poil.part]
         self.part_link = part if isinstance(part, str) else poil.part
+        self.table_height = poil.table_height
+        self.object_position, self.robot_position = _positions_in_run(scenario)
         self.camera_names = tuple(camera.name for camera in self._cameras)
         self._renderer = IncrementalRenderer(self._diagram, self._scene_graph, self.camera_names)
 
@@ -131,7 +157,7 @@ class DemonstrationScene:
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
         """Captures images with noise seeded by `time` [s], and with label images if `labels`."""
         self._context.SetTime(time)
-        images = self._renderer.capture(self._context)
+        images = by_name(self.camera_names, self._renderer.capture(self._context))
         if labels:
             ports = [self._diagram.GetOutputPort(f"{n}.label_image") for n in self.camera_names]
             found = [port.Eval(self._context).data[:, :, 0] for port in ports]
@@ -177,11 +203,67 @@ class DemonstrationScene:
             for b in self._collision_geometries(model, part)
         )
 
+    @property
+    def has_collision_geometry(self) -> bool:
+        """Whether the object has collision geometries."""
+        return bool(self._collision_geometries(self.object_name, ".*"))
+
+    def lowest_point(self, X_WO: np.ndarray) -> float:
+        """Puts the object at X_WO; returns the height of its lowest point [m, world].
+
+        An object without collision geometries counts as a point at its frame's origin.
+        """
+        self.put_object(X_WO)
+        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
+        below = X_WO[:3, 3] - [0.0, 0.0, _FAR_BELOW]
+        near = self._query().ComputeSignedDistanceToPoint(below)
+        heights = [below[2] + found.distance for found in near if found.id_G in own]
+        return min(heights, default=float(X_WO[2, 3]))
+
+    def penetrations(self, X_WO: np.ndarray) -> list[Penetration]:
+        """Puts the object at X_WO; returns what it is inside."""
+        self.put_object(X_WO)
+        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
+        models = BodiesByModel(self._plant, (self.object_name, self.fixture_name))
+        owners = {body: model for model, bodies in models.items() for body in bodies}
+        inspector, found = self._scene_graph.model_inspector(), []
+        for pair in self._query().ComputePointPairPenetration():
+            if (pair.id_A in own) != (pair.id_B in own):
+                other = pair.id_B if pair.id_A in own else pair.id_A
+                body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(other))
+                model = owners.get(body.index(), "world")
+                name = inspector.GetName(other).split("::")[-1]
+                is_mesh = isinstance(inspector.GetShape(other), Mesh)
+                found.append(Penetration(pair.depth, model, name, is_mesh))
+        return found
+
     def _query(self) -> QueryObject:
         return self._diagram.GetOutputPort("query_object").Eval(self._context)
 
     def _collision_geometries(self, model: str, part: str) -> list[ModelGeometry]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
+
+
+def _positions_in_run(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the positions (3,) of the scenario's own object and of its robot's base [m, world].
+
+    The origin stands for a robot that the scenario lacks.
+    """
+    poil, plant = scenario.poil, MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    AddPackages(parser, scenario)
+    directives = FlatDirectives(scenario.directives, parser.package_map())
+    AddModels(parser, directives)
+    FinishModels(plant, directives)
+    RequireModels(plant, {"object": poil.object})
+    RequireFreeObject(plant, poil.object)
+    bodies = [BaseBody(plant, poil.object)]
+    if plant.HasModelInstanceNamed(poil.robot):
+        robot = plant.GetModelInstanceByName(poil.robot)
+        bodies.append(plant.GetBodyByName(BASE_LINK, robot))
+    context = plant.CreateDefaultContext()
+    positions = [body.EvalPoseInWorld(context).translation() for body in bodies]
+    return positions[0], positions[1] if len(positions) > 1 else np.zeros(3)
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str | PartRegion]:

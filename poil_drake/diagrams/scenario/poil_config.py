@@ -123,8 +123,10 @@ class HangingMotionConfig:
         rod: A link of the fixture, or a regular expression for names of its collision geometries.
             The object is hung on the longest of these geometries. It counts as hanging only while
             it touches one of them.
-        start: Initial position of the object's frame in the world [m].
-        start_yaw: Initial direction of the handle, from the world's x axis [deg]. At 0, the
+        start: Where the object stands first, x and y of its frame in the world [m]; it stands on
+            `poil.table_height` unless a third number sets its frame's height. Empty: where the
+            scenario's own object starts.
+        start_yaw: Initial direction of the handle, from the one in which it hangs [deg]. At 0, the
             default cameras see the handle from the side.
         tilt: Final elevation of the handle above the horizontal [deg]. At 45, an arm that grips
             the rim from above ends in a comfortable posture: it reaches forward and down.
@@ -137,7 +139,7 @@ class HangingMotionConfig:
     """
 
     rod: str = "rod"
-    start: tuple[float, float, float] = (0.45, -0.13, 0.0)
+    start: tuple[float, ...] = ()
     start_yaw: float = 0.0
     tilt: float = 45.0
     seat: float = 0.54
@@ -149,6 +151,11 @@ class HangingMotionConfig:
         place = "poil.demonstration_motion.hanging"
         for name in ("clearance", "lift", "approach"):
             require_positive(f"{place}.{name}", getattr(self, name))
+        if len(self.start) not in (0, 2, 3):
+            raise ScenarioError(
+                f"{place}.start is {list(self.start)}, which is not a position.",
+                remedy="Use [x, y], or [x, y, z] to set the height of the object's frame as well.",
+            )
         if not 0.0 <= self.seat <= 1.0:
             raise ScenarioError(
                 f"{place}.seat is {self.seat}, which is not on the rod.",

@@ -28,7 +28,7 @@ from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import RgbdImage, by_name
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_ports import copied_image
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
@@ -194,9 +194,9 @@ class SimulatedStation(Station):
             return tuple(self._image(context, name, labels) for name in self.camera_names)
         plant_context = self.GetSubsystemContext(self._plant, context)
         scene = (self._plant.GetPositions(plant_context), context.get_time())
-        images = self._camera_process.render(*scene)
+        images = by_name(self.camera_names, self._camera_process.render(*scene))
         if labels:
-            found = self._camera_process.render_labels(*scene)
+            found = by_name(self.camera_names, self._camera_process.render_labels(*scene))
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return images
 

@@ -51,7 +51,9 @@ def AssignLabels(
             remedy=f"Choose one of: {', '.join(models)}.",
         )
     for model, bodies in models.items():
-        patterns = SeparateParts(plant, scene_graph, model, parts.get(model, {}))
+        # Sorted, so that the numbers do not depend on the order in which parts are listed.
+        listed = dict(sorted(parts.get(model, {}).items()))
+        patterns = SeparateParts(plant, scene_graph, model, listed)
         inspector = scene_graph.model_inspector()
         geometries = ModelGeometries(plant, inspector, model, Role.kPerception, bodies=bodies)
         assigned = {

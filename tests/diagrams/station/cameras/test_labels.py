@@ -57,6 +57,12 @@ def test_parts_are_found_by_link_and_by_geometry_name(scene: Scene) -> None:
     assert len(dut["a::pan"]) == 3
 
 
+def test_the_order_of_parts_does_not_matter(scene: Scene) -> None:
+    dut = scene.assign({"a::pan": {"lid": "lid", "grip": "grip_[0-9]"}})
+
+    assert dut == Scene().assign({"a::pan": {"grip": "grip_[0-9]", "lid": "lid"}})
+
+
 def test_every_model_has_labels_of_its_own(scene: Scene) -> None:
     dut = scene.assign({"a::pan": {"lid": "lid"}})
 
