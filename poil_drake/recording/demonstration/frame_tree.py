@@ -108,8 +108,9 @@ class FrameTree:
                 f"no transform connects frame '{base}' with frame '{frame}'.",
                 remedy="Record a transform between them.",
             )
-        X_RB = self._pose_in_root(base, stamp)
-        pose: np.ndarray = inverse(X_RB) @ self._pose_in_root(frame, stamp)
+        # A is their nearest common ancestor, which may move.
+        X_AB, X_AF = (self._pose_along(path, stamp) for path in self._paths(base, frame))
+        pose: np.ndarray = inverse(X_AB) @ X_AF
         return pose
 
     def span(self, *, base: str, frame: str) -> tuple[int, int]:
@@ -119,7 +120,8 @@ class FrameTree:
         """
         moving = [
             stamps
-            for child in (*self._chain(base)[:-1], *self._chain(frame)[:-1])
+            for path in self._paths(base, frame)
+            for child in path
             if len(stamps := self._track(child)[0]) > 1
         ]
         first = max((int(stamps[0]) for stamps in moving), default=_ALWAYS[0])
@@ -132,11 +134,19 @@ class FrameTree:
             chain.append(link.parent)
         return chain
 
-    def _pose_in_root(self, frame: str, stamp: int) -> np.ndarray:
-        X_RF = np.eye(4)
-        for child in self._chain(frame)[:-1]:
-            X_RF = self._pose_in_parent(child, stamp) @ X_RF
-        return X_RF
+    def _paths(self, base: str, frame: str) -> tuple[list[str], list[str]]:
+        """Returns `base` and `frame`, each with its ancestors below their nearest common one."""
+        first, second = self._chain(base), self._chain(frame)
+        while min(len(first), len(second)) > 1 and first[-2] == second[-2]:
+            first, second = first[:-1], second[:-1]
+        return first[:-1], second[:-1]
+
+    def _pose_along(self, path: list[str], stamp: int) -> np.ndarray:
+        """Returns the (4, 4) pose of the first frame of a path in the parent of the last [m]."""
+        X = np.eye(4)
+        for child in path:
+            X = self._pose_in_parent(child, stamp) @ X
+        return X
 
     def _pose_in_parent(self, child: str, stamp: int) -> np.ndarray:
         stamps, poses = self._track(child)
