@@ -86,7 +86,7 @@ def _view_points(
     camera: CameraModel, image: RgbdImage, mask: np.ndarray, config: FusionConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns points [m, world], normals and colours of one view, each (P, 3)."""
-    usable = clean_mask(np.asarray(mask, dtype=bool), image.depth, config.mask)
+    usable = clean_mask(np.asarray(mask, dtype=bool), image.depth, camera.K, config.mask)
     points, pixels = unproject(image.depth, camera.K, usable)
     colors = image.rgb[pixels[:, 1], pixels[:, 0]]
     if len(points) < 3:

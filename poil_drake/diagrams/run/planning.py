@@ -60,9 +60,7 @@ def PlanScenario(
             q_start = station.ArmPosition(context)
         check_plausible(frame, table_height=poil.table_height)
         everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
-        # Among obstacles, a few outliers do no harm.
-        fusion = replace(poil.fusion.coarser(), outlier_neighbours=0)
-        scene = worker.submit(fuse_views, frame, everything, fusion)
+        scene = worker.submit(fuse_views, frame, everything, poil.fusion.coarser())
         transferred = transfer(
             recorded,
             frame,

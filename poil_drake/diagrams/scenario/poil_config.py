@@ -123,8 +123,10 @@ class HangingMotionConfig:
         rod: A link of the fixture, or a regular expression for names of its collision geometries.
             The object is hung on the longest of these geometries. It counts as hanging only while
             it touches one of them.
-        start: Initial position of the object's frame in the world [m].
-        start_yaw: Initial direction of the handle, from the world's x axis [deg]. At 0, the
+        start: Where the object stands first, x and y of its frame in the world [m]; it stands on
+            `poil.table_height` unless a third number sets its frame's height. Empty: where the
+            scenario's own object starts.
+        start_yaw: Initial direction of the handle, from the one in which it hangs [deg]. At 0, the
             default cameras see the handle from the side.
         tilt: Final elevation of the handle above the horizontal [deg]. At 45, an arm that grips
             the rim from above ends in a comfortable posture: it reaches forward and down.
@@ -137,7 +139,7 @@ class HangingMotionConfig:
     """
 
     rod: str = "rod"
-    start: tuple[float, float, float] = (0.45, -0.13, 0.0)
+    start: tuple[float, ...] = ()
     start_yaw: float = 0.0
     tilt: float = 45.0
     seat: float = 0.54
@@ -149,6 +151,11 @@ class HangingMotionConfig:
         place = "poil.demonstration_motion.hanging"
         for name in ("clearance", "lift", "approach"):
             require_positive(f"{place}.{name}", getattr(self, name))
+        if len(self.start) not in (0, 2, 3):
+            raise ScenarioError(
+                f"{place}.start is {list(self.start)}, which is not a position.",
+                remedy="Use [x, y], or [x, y, z] to set the height of the object's frame as well.",
+            )
         if not 0.0 <= self.seat <= 1.0:
             raise ScenarioError(
                 f"{place}.seat is {self.seat}, which is not on the rod.",
@@ -232,13 +239,16 @@ class PoilConfig:
     """The `poil` section: the task and POIL's settings.
 
     Attributes:
-        object: Model instance of the manipulated object.
+        object: Model instance of the manipulated object; or <model>::<body> if the object is one
+            body, with what it carries, of a larger model.
         part: Name of the object's functional part.
         parts: Part name -> a link of the object, a regular expression for names of its
             geometries, or a region (`!PartRegion`) of its visual meshes. A part that is not listed
             is the link of the same name.
-        fixture: Model instance with which the object interacts.
+        fixture: Model instance, or body of a model, with which the object interacts.
         robot: Model instance of the robot.
+        packages: `package.xml` files, or folders with such files, of the packages that `package://`
+            paths name in directives and models. Paths are relative to the scenario file.
         collision: What becomes of concave collision meshes, of which Drake would use the filled
             convex hull: "decompose" replaces them by convex pieces, "hull" keeps the hull, and None
             refuses them.
@@ -277,6 +287,7 @@ class PoilConfig:
     parts: Mapping[str, str | PartRegion] = field(default_factory=dict)
     fixture: str = "rack"
     robot: str = "panda"
+    packages: tuple[str, ...] = ()
     collision: str | None = None
     table_height: float = 0.0
     demonstration: str | None = None

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 
 from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
-from poil_drake.diagrams.scenario.models import CollisionGeometries
+from poil_drake.diagrams.scenario.model_parts import CollisionGeometries
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import MissingDependencyError, ScenarioError
 

@@ -37,6 +37,7 @@ CUP = """<mujoco model="cup"><worldbody><body name="cup"><freejoint/>
 </body></worldbody></mujoco>"""
 
 PAN = """<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="pan"><link name="pan">
+<inertial><mass>0.2</mass><inertia><ixx>2e-4</ixx><iyy>2e-4</iyy><izz>2e-4</izz></inertia></inertial>
 <visual name="grip_0"><geometry><box><size>0.01 0.01 0.1</size></box></geometry></visual>
 <collision name="bare">
 <geometry><cylinder><radius>0.04</radius><length>0.02</length></cylinder></geometry></collision>
