@@ -76,7 +76,8 @@ def _find_rod(
     if not boxes:
         raise _unsuitable(
             f"The fixture '{fixture}' has no link or collision geometry '{config.rod}'.",
-            "Set poil.demonstration_motion.hanging.rod to the rod's link or geometries",
+            "Set poil.demonstration_motion.hanging.rod to one of "
+            f"{scene.collision_choices(fixture)}",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))
@@ -104,8 +105,11 @@ def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
     boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
         raise _unsuitable(
-            f"The demonstration's object has no link or collision geometry '{scene.part_link}'.",
-            "In poil.parts, set the part to a link or geometries of the object",
+            f"The part '{scene.part_link}' of the demonstration's object has no collision "
+            "geometry with which it could hang on the rod.",
+            "Set the part in poil.parts to one of what collides: "
+            f"{scene.collision_choices(scene.object_name)}; the expression must match the part's "
+            "visual geometries, too",
         )
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = np.concatenate([X[:3, 3] + (signs * half) @ X[:3, :3].T for X, half in boxes])

@@ -32,7 +32,7 @@ _URLS = (
     "poil.demonstration_object",
     "poil.randomization.models.*",
 )
-_FILES = ("poil.demonstration", "poil.hardware.cameras.*.file")
+_FILES = ("poil.demonstration", "poil.packages.*", "poil.hardware.cameras.*.file")
 
 
 def default_scenario_file() -> Path:

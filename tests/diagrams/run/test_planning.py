@@ -3,11 +3,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from poil_drake.diagrams.run import planning
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import PlanningError
-from poil_drake.perception.fusion import fuse_views
+from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 
@@ -37,7 +36,7 @@ def test_flying_pixels_are_no_obstacles_but_a_thin_rod_is() -> None:
     image = RgbdImage(np.zeros((240, 320, 3), np.uint8), depth, 0.0)
     frame = MultiViewFrame((camera,), (image,))
 
-    z = fuse_views(frame, [np.ones(depth.shape, bool)], planning._OBSTACLE_FUSION).points[:, 2]
+    z = fuse_views(frame, [np.ones(depth.shape, bool)], FusionConfig().coarser()).points[:, 2]
 
     # Voxels of 4 mm average some of the pixels with the wall.
     assert not ((z > 0.51) & (z < 0.59)).any()

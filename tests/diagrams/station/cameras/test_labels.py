@@ -4,7 +4,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.diagrams.scenario.models import ModelGeometries
+from poil_drake.diagrams.scenario.model_parts import ModelGeometries
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
 
