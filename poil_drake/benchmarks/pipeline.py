@@ -38,6 +38,7 @@ class Trial:
         object_model: Name of the object's model file.
         success: Whether the object hung at the end.
         cause: Cause of the failure; empty on success.
+        losses: How often and for how long tracks were lost; empty if never.
         final_error: Mean distance of the points, at release, from the reference's last points [m].
         tracking_errors: Median and 95th percentile of the distance of tracked points from the
             true ones [m]; NaN without tracks.
@@ -58,6 +59,7 @@ class Trial:
     object_model: str
     success: bool = False
     cause: str = ""
+    losses: str = ""
     final_error: float = np.nan
     tracking_errors: tuple[float, float] = (np.nan, np.nan)
     worst_tracking_error: float = np.nan
@@ -148,6 +150,7 @@ def run_trial(
         trial,
         success=summary.success,
         cause="" if summary.success else summary.reason,
+        losses=summary.losses,
         final_error=summary.mean_error,
         tracking_errors=(tracking.median, tracking.percentile_95),
         worst_tracking_error=tracking.maximum,
@@ -236,7 +239,8 @@ def _row(trial: Trial) -> str:
     return (
         f"{trial.task} seed {trial.seed:2d} {trial.object_model:10s} "
         f"{'hangs ' if trial.success else 'FAILED'} error {1e3 * trial.final_error:4.1f} mm "
-        f"tracking {median:4.1f}/{p95:4.1f} mm rtf {trial.real_time_factor:4.2f} {trial.cause}"
+        f"tracking {median:4.1f}/{p95:4.1f} mm rtf {trial.real_time_factor:4.2f} "
+        f"{'; '.join(filter(None, (trial.cause, trial.losses)))}"
     )
 
 

@@ -13,15 +13,22 @@ _TINY = np.float32(1e-6)
 # The 16-bit depth that means "too far" in the images of Drake and of saturated cameras.
 _TOO_FAR = 65535
 
+COARSE_PIXEL = 0.002
+"""A pixel that covers more than this is coarse [m]: handles and rims are only a few pixels wide. A
+camera of 640 x 480 pixels has pixels of 1 to 1.5 mm at 0.65 m, one of 320 x 240 twice as large."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class DepthMaskConfig:
     """Which pixels to remove from masks: borders, depth edges and unreliable depths.
 
+    Where pixels are coarse (`COARSE_PIXEL`), `erosion` and `edge_margin` count as 0, because such
+    borders would erase thin parts. Pixels at depth edges are removed nevertheless.
+
     Attributes:
         erosion: Width of the border removed from the mask [px]. Detectors' masks are about a pixel
             too large. A larger erosion may erase thin parts: at 0.65 m, a mug's handle is only
-            about 7 px wide.
+            about 7 px wide in an image of 640 x 480 pixels.
         relative_jump: Two neighbouring pixels are on different surfaces if their depths differ by
             more than this fraction of the smaller depth. 0.03 is 2 cm at 0.65 m.
         edge_margin: Pixels within this distance of a depth edge are removed too [px], because
@@ -93,12 +100,27 @@ def depth_edges(depth: np.ndarray, relative_jump: float) -> np.ndarray:
     return edges
 
 
-def clean_mask(mask: np.ndarray, depth: np.ndarray, config: DepthMaskConfig) -> np.ndarray:
+def pixel_size(mask: np.ndarray, depth: np.ndarray, K: np.ndarray) -> float:
+    """Returns the width [m] that a pixel covers at the median depth of a mask; NaN if it has none.
+
+    Args:
+        mask: (H, W) bool.
+        depth: (H, W) depth [m]; 0, NaN and infinity are invalid.
+        K: (3, 3) intrinsic matrix [px].
+    """
+    z = depth[mask & np.isfinite(depth) & (depth > 0.0)]
+    return float(np.median(z) / K[0, 0]) if z.size else np.nan
+
+
+def clean_mask(
+    mask: np.ndarray, depth: np.ndarray, K: np.ndarray, config: DepthMaskConfig
+) -> np.ndarray:
     """Returns a mask (H, W) bool without its border, unreliable depths and depth edges.
 
     Args:
         mask: (H, W) bool, the mask to clean.
         depth: (H, W) depth [m]; 0, NaN and infinity are invalid.
+        K: (3, 3) intrinsic matrix [px].
         config: What to remove.
 
     Raises:
@@ -110,9 +132,11 @@ def clean_mask(mask: np.ndarray, depth: np.ndarray, config: DepthMaskConfig) -> 
             remedy="Pass a mask and a depth image of the same shape.",
         )
     edges = depth_edges(depth, config.relative_jump).astype(np.uint8)
-    edges = cv2.dilate(edges, _disc(config.edge_margin)).astype(bool)
+    coarse = pixel_size(mask, depth, K) > COARSE_PIXEL
+    erosion, margin = (0, 0) if coarse else (config.erosion, config.edge_margin)
+    edges = cv2.dilate(edges, _disc(margin)).astype(bool)
     reliable = (depth >= config.min_depth) & (depth <= config.max_depth)
-    return erode_mask(mask, config.erosion) & reliable & ~edges
+    return erode_mask(mask, erosion) & reliable & ~edges
 
 
 def unproject(depth: np.ndarray, K: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,15 +8,16 @@ from typing import Protocol
 import numpy as np
 
 from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.geometry.depth_image import COARSE_PIXEL, pixel_size
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.perception.images import MultiViewFrame, RgbdImage
 
 LABEL_IMAGE = "label_image"
 """Name of the detector that reads label images."""
 
-_MIN_PART_PIXELS = 60
-"""Least number of a part's pixels in all views together. With fewer, too little would remain of the
-part after its masks are eroded."""
+_MIN_PART_PIXELS, _MIN_COARSE_PIXELS = 60, 15
+"""Least number of a part's pixels in all views together, with fine and with coarse pixels. With
+fewer, too little would remain of the part after its masks are eroded; coarse ones are not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +75,16 @@ class LabelImageDetector:
         part_ids = _ids(frame, f"{object_label}/{part_label}")
         part_masks = tuple(_mask(image, part_ids) for image in frame.images)
         seen = sum(int(mask.sum()) for mask in part_masks)
-        if seen < _MIN_PART_PIXELS:
+        coarse = all(
+            not pixel_size(mask, image.depth, camera.K) <= COARSE_PIXEL
+            for camera, image, mask in zip(frame.cameras, frame.images, part_masks, strict=True)
+        )
+        needed = _MIN_COARSE_PIXELS if coarse else _MIN_PART_PIXELS
+        if seen < needed:
             raise DetectionError(
                 f"The views show only {seen} pixels of the part '{part_label}' of "
-                f"'{object_label}', but {_MIN_PART_PIXELS} are needed.",
-                remedy="Turn the object, or add a camera that sees the part.",
+                f"'{object_label}', but {needed} are needed.",
+                remedy="Turn the object, add a camera that sees the part, or move a camera nearer.",
             )
         return PartMasks(
             object_masks=tuple(_mask(image, object_ids) for image in frame.images),

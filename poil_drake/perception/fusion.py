@@ -1,7 +1,7 @@
 """Fusion of several views of an object into one point cloud."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,13 @@ class FusionConfig:
     voxel_size: float = 0.002
     outlier_neighbours: int = 16
 
+    def coarser(self) -> "FusionConfig":
+        """Returns this with voxels twice as large: a whole object has ten times a part's surface.
+
+        They are still fine enough to detect contact between object and fixture.
+        """
+        return replace(self, voxel_size=2.0 * self.voxel_size)
+
 
 def fuse_views(
     frame: MultiViewFrame, masks: Sequence[np.ndarray], config: FusionConfig | None = None
@@ -61,7 +68,7 @@ def fuse_views(
         raise DetectionError(
             f"No masked pixel has usable depth; the views' masks mark {marked} pixels.",
             remedy="Check that the cameras see the object and measure its depth, and that "
-            "FusionConfig.mask leaves some of its pixels.",
+            "poil.fusion.mask leaves some of its pixels.",
         )
     if config.voxel_size > 0.0:
         cloud = voxel_downsample(cloud, config.voxel_size)
@@ -79,7 +86,7 @@ def _view_points(
     camera: CameraModel, image: RgbdImage, mask: np.ndarray, config: FusionConfig
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns points [m, world], normals and colours of one view, each (P, 3)."""
-    usable = clean_mask(np.asarray(mask, dtype=bool), image.depth, config.mask)
+    usable = clean_mask(np.asarray(mask, dtype=bool), image.depth, camera.K, config.mask)
     points, pixels = unproject(image.depth, camera.K, usable)
     colors = image.rgb[pixels[:, 1], pixels[:, 0]]
     if len(points) < 3:

@@ -1,13 +1,16 @@
 """Cameras and RGB-D images."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import TypeVar
 
 import numpy as np
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy, freeze_fields
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,3 +113,28 @@ class MultiViewFrame(SharedOnCopy):
     def stamp(self) -> float:
         """The capture time of the oldest image [s]."""
         return min(image.stamp for image in self.images)
+
+
+def by_name(cameras: Sequence[str], images: Mapping[str, T]) -> tuple[T, ...]:
+    """Returns the image of each camera, in the order of `cameras`.
+
+    Images come from another process or file with the camera's name, because an order may not
+    survive the way.
+
+    Args:
+        cameras: The cameras' names.
+        images: Name -> image, or anything else that belongs to one camera.
+
+    Raises:
+        InvalidValueError: if a camera has no image, or an image belongs to no camera.
+    """
+    if images.keys() != set(cameras):
+        raise InvalidValueError(
+            f"There are images of {_listed(images)}, but the cameras are {_listed(cameras)}.",
+            remedy="Use the same cameras on both sides.",
+        )
+    return tuple(images[name] for name in cameras)
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(f"'{name}'" for name in names) or "no camera"

@@ -94,6 +94,7 @@ class RunSummary:
     Attributes:
         success: Whether the task succeeded.
         reason: Why it succeeded or failed, in one clause, e.g. "the mug hung for 2.0 s".
+        losses: How often and for how long tracks were lost, in one clause; empty if never.
         scenario: The scenario's name.
         scenario_file: Path of the scenario's file.
         seed: The seed of all randomness.
@@ -116,6 +117,7 @@ class RunSummary:
 
     success: bool
     reason: str
+    losses: str = ""
     scenario: str = ""
     scenario_file: str = ""
     seed: int = 0
@@ -135,7 +137,7 @@ class RunSummary:
     def closing_line(self) -> str:
         """Returns the one line that ends a run's output."""
         timing = self.timing
-        clauses = [self.reason]
+        clauses = [self.reason, *([self.losses] if self.losses else [])]
         if math.isfinite(self.mean_error):
             clauses.append(f"mean point error {self.mean_error * 1e3:.1f} mm")
         if self.tracking_error is not None and self.tracking_error.count:

@@ -1,6 +1,6 @@
 """The robot's clearance from itself and from a scene that is known as a point cloud."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -31,8 +31,8 @@ class CollisionConfig:
 
     robot_margin: float = 0.008
     object_margin: float = 0.006
-    ground_height: float | None = 0.0
-    max_distance: float = 0.06
+    ground_height: float | None = field(default=0.0, metadata={"yaml": False})
+    max_distance: float = field(default=0.06, metadata={"yaml": False})
 
 
 class RobotCollisionChecker:

@@ -11,8 +11,7 @@ from poil_drake.perception.detectors import Detector, PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import MultiViewFrame
 
-_PART_FUSION = FusionConfig(voxel_size=0.002)  # Fine enough for the shape of a small handle.
-_OBJECT_FUSION = FusionConfig(voxel_size=0.004)  # The object has ten times the surface.
+_SMALLEST, _LARGEST = 0.5, 1.9  # Size of a target, relative to the demonstrated object.
 _MIN_CONTEXT_POINTS = 100  # With fewer points, the rest of the object counts as unseen.
 
 
@@ -34,7 +33,12 @@ class PartView(SharedOnCopy):
 
 
 def view_part(
-    frame: MultiViewFrame, *, detector: Detector, object_label: str, part_label: str
+    frame: MultiViewFrame,
+    *,
+    detector: Detector,
+    object_label: str,
+    part_label: str,
+    fusion: FusionConfig | None = None,
 ) -> PartView:
     """Detects a part and its object in one frame, and fuses all views of each into a cloud.
 
@@ -45,19 +49,45 @@ def view_part(
         detector: Finds the object and the part.
         object_label: The object's label.
         part_label: The part's label.
+        fusion: How the part's cloud is made; the object's is coarser. None for the defaults.
 
     Raises:
         DetectionError: if the object or the part is not found, or has no reliable depth.
     """
+    fusion = fusion or FusionConfig()
     masks = detector.detect(frame, object_label=object_label, part_label=part_label)
     rest = tuple(o & ~p for o, p in zip(masks.object_masks, masks.part_masks, strict=True))
-    part = fuse_views(frame, masks.part_masks, _PART_FUSION)
-    whole = fuse_views(frame, masks.object_masks, _OBJECT_FUSION)
+    part = fuse_views(frame, masks.part_masks, fusion)
+    whole = fuse_views(frame, masks.object_masks, fusion.coarser())
     try:
-        context = fuse_views(frame, rest, _OBJECT_FUSION)
+        context = fuse_views(frame, rest, fusion.coarser())
     except DetectionError:  # The part is the whole object.
         return PartView(masks, part, whole, None)
     return PartView(masks, part, whole, context if len(context) >= _MIN_CONTEXT_POINTS else None)
+
+
+def require_similar_size(source: PartView, target: PartView) -> None:
+    """Checks that the target is about as large as the demonstrated object.
+
+    Sizes are root mean square distances from the centroid of what the cameras see.
+
+    Args:
+        source: The demonstrated object.
+        target: The target.
+
+    Raises:
+        TransferError: if the target is less than half or almost twice as large, where alignments
+            are usually wrong.
+    """
+    sizes = [float(np.sqrt(view.whole.points.var(axis=0).sum())) for view in (source, target)]
+    ratio = sizes[1] / sizes[0]
+    if not _SMALLEST <= ratio <= _LARGEST:
+        raise TransferError(
+            f"The target object looks {ratio:.2g} times as large as the demonstrated one; the "
+            f"motion can be transferred to {_SMALLEST} to {_LARGEST} times its size.",
+            remedy="Demonstrate with an object of about the target's size (poil.demonstration or "
+            "poil.demonstration_object), and check that the detector's masks show just the object.",
+        )
 
 
 def sample_part_points(part: PointCloud, count: int) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors import Detector
+from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
@@ -15,7 +16,12 @@ from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignm
 from poil_drake.transfer.demonstration_tracks import track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
 from poil_drake.transfer.non_rigid_registration import deform_points
-from poil_drake.transfer.part_points import PartView, sample_part_points, view_part
+from poil_drake.transfer.part_points import (
+    PartView,
+    require_similar_size,
+    sample_part_points,
+    view_part,
+)
 from poil_drake.transfer.progress import Progress
 
 
@@ -25,6 +31,7 @@ class TransferConfig:
 
     Attributes:
         num_points: N_k, the number of points that represent the part (POIL: 10).
+        fusion: How images become the part's cloud.
         alignment: Parameters of the coarse alignment.
         pose_by_deformed_points: Whether to align the points after the non-rigid registration with
             the tracks, as the paper does. By default the coarsely aligned points are aligned, and
@@ -32,6 +39,7 @@ class TransferConfig:
     """
 
     num_points: int = 10
+    fusion: FusionConfig = field(default_factory=FusionConfig)
     alignment: CoarseAlignmentConfig = field(default_factory=CoarseAlignmentConfig)
     pose_by_deformed_points: bool = False
 
@@ -93,13 +101,20 @@ def transfer(
     Raises:
         DetectionError: if an object or a part is not found.
         TrackingError: if the tracker loses the object in the demonstration.
-        TransferError: if the parts cannot be aligned, or nothing moves in the demonstration.
+        TransferError: if the parts cannot be aligned, the target is much larger or smaller than the
+            demonstrated object, or nothing moves in the demonstration.
     """
     config = config or TransferConfig()
 
     def view(frame: MultiViewFrame, where: str, label: str) -> PartView:
         try:
-            return view_part(frame, detector=detector, object_label=label, part_label=part_label)
+            return view_part(
+                frame,
+                detector=detector,
+                object_label=label,
+                part_label=part_label,
+                fusion=config.fusion,
+            )
         except DetectionError as error:
             raise DetectionError(f"In {where}: {error.problem}", remedy=error.remedy) from error
 
@@ -109,6 +124,7 @@ def transfer(
         demonstration_object_label or object_label,
     )
     target = view(target_frame, "the view of the scene", object_label)
+    require_similar_size(source, target)
     points = sample_part_points(source.part, config.num_points)
     problem = AlignmentProblem.between(
         source.part,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import cv2
 import pytest
+from bare_mugs import write_bare_mug, write_bare_scenario
 from command_line import Command
 from mcap.reader import make_reader
 from mjcf_kitchen import write_kitchen
@@ -76,6 +77,26 @@ def test_a_users_own_mjcf_models_run_through_the_whole_chain(
     assert dut.status == 0, dut
     assert "SUCCESS" in dut.out
     assert (tmp_path / "out" / "run.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("file_format", "shapes", "height"), [("urdf", "meshes", 0.13), ("xml", "cylinders", 0.07)]
+)
+def test_a_mug_of_another_size_without_contact_properties_hangs(
+    file_format: str,
+    shapes: str,
+    height: float,
+    command: Command,
+    tmp_path: Path,
+    demonstration: Path,
+) -> None:
+    mug = write_bare_mug(tmp_path, file_format=file_format, shapes=shapes, height=height)
+    scenario = write_bare_scenario(mug, demonstration)
+
+    dut = command("run", str(scenario), "--tracker", "ground_truth", "--no-meshcat")
+
+    assert dut.status == 0, dut
+    assert "SUCCESS" in dut.out
 
 
 def files(folder: Path) -> set[str]:

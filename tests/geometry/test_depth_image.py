@@ -130,7 +130,7 @@ def test_clean_mask_keeps_reliable_depth_away_from_edges():
     mask[:, 0] = False
     config = dut.DepthMaskConfig(erosion=0, edge_margin=1, relative_jump=0.03, max_depth=3.0)
 
-    cleaned = dut.clean_mask(mask, depth, config)
+    cleaned = dut.clean_mask(mask, depth, np.diag([1000.0, 1000.0, 1.0]), config)
 
     assert cleaned[0].tolist() == [False] + [True] * 3 + [False] * 4 + [True] * 4
     assert not cleaned[3, 1]
@@ -140,6 +140,21 @@ def test_clean_mask_keeps_reliable_depth_away_from_edges():
     assert cleaned[3, 2]
 
 
+@pytest.mark.parametrize(("focal", "width"), [(600.0, 4), (200.0, 6)])
+def test_thin_parts_keep_their_border_in_coarse_images(focal: float, width: int):
+    """At 0.6 m, pixels cover 1 mm or 3 mm; more than 2 mm is coarse."""
+    depth = np.full((20, 8), 0.6, dtype=np.float32)
+    mask = np.zeros(depth.shape, dtype=bool)
+    mask[:, 1:7] = True
+
+    cleaned = dut.clean_mask(mask, depth, np.diag([focal, focal, 1.0]), dut.DepthMaskConfig())
+
+    assert cleaned[10].sum() == width
+    assert dut.pixel_size(mask, depth, np.diag([focal, focal, 1.0])) == pytest.approx(0.6 / focal)
+
+
 def test_mask_of_another_size_is_rejected():
     with pytest.raises(InvalidValueError, match=r"\(2, 2\)"):
-        dut.clean_mask(np.ones((2, 2), dtype=bool), np.ones((3, 3)), dut.DepthMaskConfig())
+        dut.clean_mask(
+            np.ones((2, 2), dtype=bool), np.ones((3, 3)), np.eye(3), dut.DepthMaskConfig()
+        )

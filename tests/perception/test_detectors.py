@@ -6,18 +6,22 @@ from poil_drake.perception.detectors import LabelImageDetector, PartMasks, make_
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 SIZE = (12, 16)
-CAMERA = CameraModel("left", 16, 12, np.eye(3), np.eye(4))
+CAMERA = CameraModel("left", 16, 12, np.diag([600.0, 600.0, 1.0]), np.eye(4))
+COARSE = CameraModel("left", 16, 12, np.diag([300.0, 300.0, 1.0]), np.eye(4))
 LABELS = {"mug": (3, 4), "mug/handle": (4,), "mug/rim": (9,), "rack": (7,)}
 
 
 def detect(
-    labels: list[np.ndarray | None], object_label: str = "mug", part_label: str = "handle"
+    labels: list[np.ndarray | None],
+    object_label: str = "mug",
+    part_label: str = "handle",
+    camera: CameraModel = CAMERA,
 ) -> PartMasks:
-    """Detects a part in one view for each label image."""
+    """Detects a part, 1 m away, in one view for each label image."""
     images = tuple(
         RgbdImage(np.zeros((*SIZE, 3)), np.ones(SIZE), stamp=0.0, label=label) for label in labels
     )
-    frame = MultiViewFrame((CAMERA,) * len(labels), images, LABELS)
+    frame = MultiViewFrame((camera,) * len(labels), images, LABELS)
     return LabelImageDetector().detect(frame, object_label=object_label, part_label=part_label)
 
 
@@ -74,6 +78,12 @@ def test_an_unknown_name_suggests_the_closest_and_lists_the_known_ones(
 def test_a_part_of_too_few_pixels_is_not_seen() -> None:
     with pytest.raises(DetectionError, match=r"59 pixels.* 60 are needed"):
         detect([label_image(40), label_image(19)])
+
+
+def test_fewer_coarse_pixels_are_enough() -> None:
+    assert detect([label_image(15)], camera=COARSE).part_masks[0].sum() == 15
+    with pytest.raises(DetectionError, match=r"14 pixels.* 15 are needed"):
+        detect([label_image(10), label_image(4)], camera=COARSE)
 
 
 def test_detectors_are_made_by_name() -> None:

@@ -15,13 +15,13 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import DetectionError, InvalidValueError, TransferError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception.detectors import LabelImageDetector
+from poil_drake.perception.detectors import LabelImageDetector, PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.transfer.alignment.problem import CoarseAlignmentConfig
-from poil_drake.transfer.part_points import sample_part_points
+from poil_drake.transfer.part_points import PartView, require_similar_size, sample_part_points
 from poil_drake.transfer.pipeline import TransferConfig, TransferResult, transfer
 
 pytestmark = pytest.mark.render
@@ -158,6 +158,24 @@ def test_errors_name_the_images_in_which_a_detection_failed(
 def test_rejects_more_points_than_are_visible() -> None:
     with pytest.raises(TransferError, match="has 3 points; 10 are needed"):
         sample_part_points(PointCloud(np.eye(3)), 10)
+
+
+@pytest.mark.parametrize(
+    ("size", "says"),
+    [(0.45, "looks 0.45 times"), (0.6, None), (1.7, None), (2.0, "looks 2 times as large")],
+)
+def test_rejects_a_target_of_another_size(size: float, says: str | None) -> None:
+    points = np.random.default_rng(0).uniform(-0.05, 0.05, size=(500, 3))
+    views = [
+        PartView(PartMasks((), ()), cloud, cloud, None)
+        for cloud in (PointCloud(points), PointCloud(size * points + [0.4, 0.1, 0.0]))
+    ]
+
+    if says is None:
+        require_similar_size(*views)
+    else:
+        with pytest.raises(TransferError, match=says):
+            require_similar_size(*views)
 
 
 def test_rejects_points_that_determine_no_pose() -> None:

@@ -187,8 +187,8 @@ class SafeEntryPlanner:
                 f"{np.round(start.X_WB[:3, 3], 3).tolist()} m, where its clearance is "
                 f"{1e3 * min(start.clearance, start.height):.0f} mm; the search took "
                 f"{config.transit.iterations} rounds for each of {config.transit.goals} goals.",
-                remedy="Move the object or the obstacles, lower EntryClearanceConfig.margin, or "
-                "raise TransitConfig.iterations.",
+                remedy="Move the object or the obstacles, or, in the configuration of safe "
+                "entry, lower clearance.margin or raise transit.iterations.",
             )
         reference = extended_reference(model.reference, *transit)
         return EntryPlan(reference, self.field, kind, _NO_GUIDE)

@@ -105,8 +105,8 @@ def split_motion(
         raise TransferError(
             f"Nothing moves in the demonstration: for {times[-1] - times[0]:.1f} s the points are "
             f"slower than {config.dwell_speed} m/s, or move less than {config.min_displacement} m.",
-            remedy="Check that the tracker followed the moving object, or lower "
-            "ReferenceConfig.dwell_speed and min_displacement.",
+            remedy="Check that the tracker followed the moving object, or demonstrate a faster or "
+            "longer motion.",
         )
     return stretches
 

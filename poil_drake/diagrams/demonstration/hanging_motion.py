@@ -22,8 +22,8 @@ def hanging_keyframes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns keyframes that hang the scene's object on the rod of its fixture.
 
-    The object's z axis points up at the start; its handle is the scenario's functional part. The
-    object is lifted, carried to the rod's tip, slid onto the rod and lowered.
+    At the start the object stands on the table with its z axis up; its handle is the scenario's
+    functional part. The object is lifted, carried to the rod's tip, slid onto the rod and lowered.
 
     Returns:
         (K,) times [s] and (K, 4, 4) poses of the object in the world [m].
@@ -34,17 +34,33 @@ def hanging_keyframes(
     base, tip = _find_rod(scene, config)
     rod = _direction(base, tip)
     opening, handle = _find_handle(scene)
-    heading = np.arctan2(handle[1], handle[0])
-    turn = RotationMatrix.MakeZRotation(np.radians(config.start_yaw) - heading).matrix()
-    start = make_transform(turn, np.array(config.start))
-    lifted = make_transform(turn, start[:3, 3] + [0.0, 0.0, config.lift])
-    R = _hanging_rotation(rod, handle, config.tilt)
     seat = base + config.seat * (tip - base)
+    ahead = _direction_ahead(rod, seat - scene.robot_position)
+    turn = _heading(ahead) - _heading(handle) + np.radians(config.start_yaw)
+    start = _standing(scene, RotationMatrix.MakeZRotation(turn).matrix(), config)
+    lifted = make_transform(start[:3, :3], start[:3, 3] + [0.0, 0.0, config.lift])
+    R = _hanging_rotation(rod, handle, ahead, config.tilt)
     over = make_transform(R, seat - R @ opening)
     before = make_transform(R, over[:3, 3] + (tip + config.approach * rod - seat))
     hung = make_transform(R, over[:3, 3] + _descent(scene, over, rod, config))
     times = np.cumsum([0.0, _REST, _LIFT, _CARRY, _SLIDE, _LOWER, _REST])
     return times, np.array([start, start, lifted, before, over, hung, hung])
+
+
+def _standing(
+    scene: DemonstrationScene, rotation: np.ndarray, config: HangingMotionConfig
+) -> np.ndarray:
+    """Returns the pose (4, 4) at which the object stands first [m, world]."""
+    position = np.append(config.start or scene.object_position[:2], 0.0)[:3]
+    if len(config.start) < 3:
+        lowest = scene.lowest_point(make_transform(rotation, position))
+        position[2] = scene.table_height - lowest
+    return make_transform(rotation, position)
+
+
+def _heading(direction: np.ndarray) -> float:
+    """Returns the angle of a horizontal direction (3,) from the x axis [rad]."""
+    return float(np.arctan2(direction[1], direction[0]))
 
 
 def _direction(base: np.ndarray, tip: np.ndarray) -> np.ndarray:
@@ -60,7 +76,8 @@ def _find_rod(
     if not boxes:
         raise _unsuitable(
             f"The fixture '{fixture}' has no link or collision geometry '{config.rod}'.",
-            "Set poil.demonstration_motion.hanging.rod to the rod's link or geometries",
+            "Set poil.demonstration_motion.hanging.rod to one of "
+            f"{scene.collision_choices(fixture)}",
         )
     X_WB, half = max(boxes, key=lambda box: float(np.max(box[1])))
     axis = int(np.argmax(half))
@@ -88,8 +105,11 @@ def _find_handle(scene: DemonstrationScene) -> tuple[np.ndarray, np.ndarray]:
     boxes = scene.boxes(scene.object_name, scene.part_link)
     if not boxes:
         raise _unsuitable(
-            f"The demonstration's object has no link or collision geometry '{scene.part_link}'.",
-            "In poil.parts, set the part to a link or geometries of the object",
+            f"The part '{scene.part_link}' of the demonstration's object has no collision "
+            "geometry with which it could hang on the rod.",
+            "Set the part in poil.parts to one of what collides: "
+            f"{scene.collision_choices(scene.object_name)}; the expression must match the part's "
+            "visual geometries, too",
         )
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8).T
     corners = np.concatenate([X[:3, 3] + (signs * half) @ X[:3, :3].T for X, half in boxes])
@@ -111,17 +131,26 @@ def _unsuitable(problem: str, remedy: str) -> ScenarioError:
     return ScenarioError(problem, remedy=f"{remedy}, or set poil.demonstration_motion.keyframes.")
 
 
-def _hanging_rotation(rod: np.ndarray, handle: np.ndarray, tilt: float) -> np.ndarray:
+def _direction_ahead(rod: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Returns the horizontal unit vector (3,) perpendicular to the rod that points away."""
+    ahead = np.cross(rod, [0.0, 0.0, 1.0])
+    ahead /= np.linalg.norm(ahead)
+    return ahead * (np.sign(ahead @ away) or 1.0)
+
+
+def _hanging_rotation(
+    rod: np.ndarray, handle: np.ndarray, ahead: np.ndarray, tilt: float
+) -> np.ndarray:
     """Returns the object's (3, 3) orientation in the world when its handle hangs on the rod.
 
-    The handle is perpendicular to the rod, and points towards the world's +x axis, away from the
-    robot, and `tilt` [deg] above the horizontal. `rod` is the unit vector (3,) along the rod in the
-    world; `handle` is the one from the object's z axis to its handle, in the object's frame.
+    Args:
+        rod: Unit vector (3,) along the rod in the world.
+        handle: Unit vector (3,) from the object's z axis to its handle, in the object's frame.
+        ahead: `_direction_ahead`, in which the handle points, away from the robot.
+        tilt: Elevation of the handle above the horizontal [deg].
     """
     up = np.array([0.0, 0.0, 1.0]) - rod[2] * rod
     up /= np.linalg.norm(up)
-    ahead = np.cross(rod, up)
-    ahead *= np.sign(ahead[0]) or 1.0
     angle = np.radians(tilt)
     pointing = np.cos(angle) * ahead + np.sin(angle) * up
     upright = np.cos(angle) * up - np.sin(angle) * ahead

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from poil_drake.diagrams.demonstration.checks import CheckMotion, CheckView
 from poil_drake.diagrams.demonstration.hanging_motion import hanging_keyframes
 from poil_drake.diagrams.demonstration.motion import KeyframeMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -33,7 +34,8 @@ def RecordDemonstration(
         The number of frames.
 
     Raises:
-        ScenarioError: The scenario has no cameras, or its demonstration cannot be simulated.
+        ScenarioError: The scenario has no cameras, or its demonstration cannot be simulated or
+            shows too little of the part.
     """
     if not scenario.cameras:
         raise ScenarioError(
@@ -44,6 +46,7 @@ def RecordDemonstration(
     motion = MakeDemonstrationMotion(scene, scenario.poil.demonstration_motion)
     period = scenario.poil.rates.tracker
     times = period * np.arange(int(motion.duration / period) + 1)
+    CheckMotion(scene, motion, times, scenario.poil)
     contents = {
         "scenario": scenario.source.name,
         "scenario_file": scenario.source.file,
@@ -56,7 +59,10 @@ def RecordDemonstration(
     with DemonstrationWriter(path, scene.camera_names, contents, scenario_text=text) as writer:
         for i, time in enumerate(times.tolist()):
             scene.put_object(motion.pose(time))
-            writer.write(scene.capture(time, labels=i == 0))
+            frame = scene.capture(time, labels=i == 0)
+            if i == 0:
+                CheckView(frame, scenario.poil)
+            writer.write(frame)
             if progress is not None:
                 progress("recording the demonstration", (i + 1) / len(times))
     return len(times)

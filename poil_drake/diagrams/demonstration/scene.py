@@ -1,33 +1,39 @@
 """The scene of a simulated demonstration: the scenario's models, without its robot."""
 
-import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import CalcObb, QueryObject
+from pydrake.geometry import CalcObb, Mesh, QueryObject, Role, SceneGraph
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import (
-    FlattenModelDirectives,
-    ModelDirective,
-    ModelDirectives,
-    PackageMap,
-    Parser,
-)
-from pydrake.multibody.tree import RigidBody
+from pydrake.multibody.parsing import AddModel, ModelDirective, PackageMap, Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
-from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
+from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
+from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
+from poil_drake.diagrams.scenario.model_parts import (
+    BaseBody,
+    BodiesByModel,
+    CollisionGeometries,
+    GeometryChoices,
+    IsPartOf,
+    ModelBodies,
+    ModelGeometry,
+    RequireFreeObject,
+    RequireModels,
+)
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
     AddScenarioPlant,
-    CollisionGeometries,
-    ModelGeometry,
-    RequireFreeObject,
-    RequireModel,
+    FinishModels,
+    FlatDirectives,
     SetInitialPositions,
 )
 from poil_drake.diagrams.scenario.poil_config import PartRegion, PoilConfig
@@ -36,10 +42,30 @@ from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.perception.images import CameraModel, MultiViewFrame, by_name
+from poil_drake.robots.panda import BASE_LINK
 
 _OWN_MUGS = "package://poil_drake/mugs/"
 _OWN_MUGS_PART = "handle"
+_STAND_IN = "demonstrated_object"
+
+_FAR_BELOW = 1e5  # [m]; distances from so far below are heights
+
+
+class Penetration(NamedTuple):
+    """A geometry that the object is inside.
+
+    Attributes:
+        depth: How deep [m].
+        model: The geometry's model, e.g. the fixture.
+        name: The geometry's name, without the model's scope.
+        is_mesh: Whether it is a mesh, which counts as its convex hull.
+    """
+
+    depth: float
+    model: str
+    name: str
+    is_mesh: bool
 
 
 class DemonstrationScene:
@@ -52,10 +78,13 @@ class DemonstrationScene:
         cameras: Whether to add the scenario's cameras and their renderer.
 
     Attributes:
-        object_name: Model instance of the object.
-        fixture_name: Model instance of the fixture.
+        object_name: Model of the object.
+        fixture_name: Model of the fixture.
         part_link: Link of the object's functional part, or regular expression for its geometries.
         camera_names: Names of the cameras.
+        table_height: Height of the plane on which objects stand [m, world].
+        object_position: (3,) where the scenario's own object starts [m, world].
+        robot_position: (3,) the position of the robot's base [m, world].
 
     Raises:
         ScenarioError: The directives cannot be processed; a model, part or joint that the
@@ -67,19 +96,38 @@ class DemonstrationScene:
         builder = DiagramBuilder()
         self._plant, self._scene_graph = AddScenarioPlant(builder, scenario)
         parser = Parser(self._plant)
-        AddPackages(parser)
+        AddPackages(parser, scenario)
         directives, removed = demonstration_directives(scenario, parser.package_map())
         AddModels(parser, directives)
-        for role, name in (("object", poil.object), ("fixture", poil.fixture)):
-            RequireModel(self._plant, name, role)
+        RequireModels(self._plant, {"object": poil.object, "fixture": poil.fixture})
+        self.object_name, self.fixture_name = poil.object, poil.fixture
+        if _is_held_by_larger_model(directives, poil):
+            self.object_name = _STAND_IN
+            _remove_geometry(self._plant, self._scene_graph, ModelBodies(self._plant, poil.object))
+            stand_in = AddModel(name=_STAND_IN, file=poil.demonstration_object)
+            AddModels(parser, [ModelDirective(add_model=stand_in)])
+        RequireMetres(self._scene_graph)
+        ReplaceConcaveMeshes(self._plant, self._scene_graph, poil)
         # The demonstration's object may have other joints.
         SetInitialPositions(self._plant, scenario, without={*removed, poil.object})
         parts = demonstrated_parts(poil)
-        self._label_ids = AssignLabels(
-            plant=self._plant, scene_graph=self._scene_graph, parts={poil.object: parts}
+        label_ids = AssignLabels(
+            plant=self._plant,
+            scene_graph=self._scene_graph,
+            parts={self.object_name: parts, poil.fixture: {}},
         )
-        self._plant.Finalize()
-        RequireFreeObject(self._plant, poil.object)
+        MakeMeshesDrawable(self._plant, self._scene_graph)
+        self._label_ids = {
+            "/".join([poil.object, *name.split("/")[1:]])
+            if name.split("/")[0] == self.object_name
+            else name: ids
+            for name, ids in label_ids.items()
+        }
+        FinishModels(self._plant, directives)
+        RequireFreeObject(self._plant, self.object_name)
+        inspector = self._scene_graph.model_inspector()
+        RequireObjectSize(self._plant, inspector, self.object_name)
+        RequireStartWithinLimits(self._plant)
         self._cameras: tuple[CameraModel, ...] = ()
         if cameras:
             # The cameras' configuration names buses, but a recording is not published.
@@ -93,22 +141,23 @@ class DemonstrationScene:
         builder.ExportOutput(self._scene_graph.get_query_output_port(), "query_object")
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
-        self.object_name, self.fixture_name = poil.object, poil.fixture
         part = parts[poil.part]
         self.part_link = part if isinstance(part, str) else poil.part
+        self.table_height = poil.table_height
+        self.object_position, self.robot_position = _positions_in_run(scenario)
         self.camera_names = tuple(camera.name for camera in self._cameras)
         self._renderer = IncrementalRenderer(self._diagram, self._scene_graph, self.camera_names)
 
     def put_object(self, X_WO: np.ndarray) -> None:
         """Sets the object's (4, 4) pose in the world [m]."""
         plant_context = self._plant.GetMyMutableContextFromRoot(self._context)
-        body = self._first_body(self.object_name)
+        body = BaseBody(self._plant, self.object_name)
         self._plant.SetFreeBodyPose(plant_context, body, RigidTransform(X_WO))
 
     def capture(self, time: float, *, labels: bool) -> MultiViewFrame:
         """Captures images with noise seeded by `time` [s], and with label images if `labels`."""
         self._context.SetTime(time)
-        images = self._renderer.capture(self._context)
+        images = by_name(self.camera_names, self._renderer.capture(self._context))
         if labels:
             ports = [self._diagram.GetOutputPort(f"{n}.label_image") for n in self.camera_names]
             found = [port.Eval(self._context).data[:, :, 0] for port in ports]
@@ -135,10 +184,14 @@ class DemonstrationScene:
                 found.append(((X_WG @ box.pose()).GetAsMatrix4(), box.half_width()))
         return found
 
+    def collision_choices(self, model: str) -> str:
+        """Returns which parts of a model collide, for error messages."""
+        return GeometryChoices(self._collision_geometries(model, ".*"))
+
     def model_position(self, model: str) -> np.ndarray:
-        """Returns the position of a model's first body in the world [m]."""
+        """Returns the position of a model's base body in the world [m]."""
         plant_context = self._plant.GetMyContextFromRoot(self._context)
-        return self._first_body(model).EvalPoseInWorld(plant_context).translation()
+        return BaseBody(self._plant, model).EvalPoseInWorld(plant_context).translation()
 
     def distance(self, X_WO: np.ndarray, object_part: str, model: str, part: str) -> float:
         """Puts the object at X_WO; returns the signed distance [m] between the two parts."""
@@ -150,15 +203,67 @@ class DemonstrationScene:
             for b in self._collision_geometries(model, part)
         )
 
+    @property
+    def has_collision_geometry(self) -> bool:
+        """Whether the object has collision geometries."""
+        return bool(self._collision_geometries(self.object_name, ".*"))
+
+    def lowest_point(self, X_WO: np.ndarray) -> float:
+        """Puts the object at X_WO; returns the height of its lowest point [m, world].
+
+        An object without collision geometries counts as a point at its frame's origin.
+        """
+        self.put_object(X_WO)
+        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
+        below = X_WO[:3, 3] - [0.0, 0.0, _FAR_BELOW]
+        near = self._query().ComputeSignedDistanceToPoint(below)
+        heights = [below[2] + found.distance for found in near if found.id_G in own]
+        return min(heights, default=float(X_WO[2, 3]))
+
+    def penetrations(self, X_WO: np.ndarray) -> list[Penetration]:
+        """Puts the object at X_WO; returns what it is inside."""
+        self.put_object(X_WO)
+        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
+        models = BodiesByModel(self._plant, (self.object_name, self.fixture_name))
+        owners = {body: model for model, bodies in models.items() for body in bodies}
+        inspector, found = self._scene_graph.model_inspector(), []
+        for pair in self._query().ComputePointPairPenetration():
+            if (pair.id_A in own) != (pair.id_B in own):
+                other = pair.id_B if pair.id_A in own else pair.id_A
+                body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(other))
+                model = owners.get(body.index(), "world")
+                name = inspector.GetName(other).split("::")[-1]
+                is_mesh = isinstance(inspector.GetShape(other), Mesh)
+                found.append(Penetration(pair.depth, model, name, is_mesh))
+        return found
+
     def _query(self) -> QueryObject:
         return self._diagram.GetOutputPort("query_object").Eval(self._context)
 
-    def _first_body(self, model: str) -> RigidBody:
-        instance = self._plant.GetModelInstanceByName(model)
-        return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
-
     def _collision_geometries(self, model: str, part: str) -> list[ModelGeometry]:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
+
+
+def _positions_in_run(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the positions (3,) of the scenario's own object and of its robot's base [m, world].
+
+    The origin stands for a robot that the scenario lacks.
+    """
+    poil, plant = scenario.poil, MultibodyPlant(time_step=0.0)
+    parser = Parser(plant)
+    AddPackages(parser, scenario)
+    directives = FlatDirectives(scenario.directives, parser.package_map())
+    AddModels(parser, directives)
+    FinishModels(plant, directives)
+    RequireModels(plant, {"object": poil.object})
+    RequireFreeObject(plant, poil.object)
+    bodies = [BaseBody(plant, poil.object)]
+    if plant.HasModelInstanceNamed(poil.robot):
+        robot = plant.GetModelInstanceByName(poil.robot)
+        bodies.append(plant.GetBodyByName(BASE_LINK, robot))
+    context = plant.CreateDefaultContext()
+    positions = [body.EvalPoseInWorld(context).translation() for body in bodies]
+    return positions[0], positions[1] if len(positions) > 1 else np.zeros(3)
 
 
 def demonstrated_parts(poil: PoilConfig) -> dict[str, str | PartRegion]:
@@ -193,11 +298,11 @@ def demonstration_directives(
             or the object or fixture is welded to the robot.
     """
     poil = scenario.poil
-    directives = _flat(scenario.directives, packages)
+    directives = FlatDirectives(scenario.directives, packages)
     _require_scoped_names(directives)
     removed, frames = _attached(directives, poil.robot)
     for role, name in (("object", poil.object), ("fixture", poil.fixture)):
-        if name in removed:
+        if any(IsPartOf(name, model) for model in removed):
             raise ScenarioError(
                 f"The {role} '{name}' is welded to the robot '{poil.robot}'.",
                 remedy="Remove this weld from the directives: a demonstration has no robot.",
@@ -212,20 +317,22 @@ def demonstration_directives(
     return kept, removed
 
 
-def _flat(directives: Sequence[ModelDirective], packages: PackageMap) -> list[ModelDirective]:
-    """Returns copies of directives, with each `add_directives` replaced by its file's contents."""
-    flat: list[ModelDirective] = []
-    for directive in copy.deepcopy(list(directives)):
-        if directive.add_directives is None:
-            flat.append(directive)
-            continue
-        with DrakeErrorsExplained(
-            "A file of directives cannot be read",
-            remedy="Check the files that add_directives names.",
-        ):
-            file = ModelDirectives(directives=[directive])
-            flat += FlattenModelDirectives(file, packages).directives
-    return flat
+def _is_held_by_larger_model(directives: Sequence[ModelDirective], poil: PoilConfig) -> bool:
+    """Returns whether the object is one body of a model, and another object is demonstrated."""
+    models = [d.add_model for d in directives if d.add_model is not None]
+    files = {model.file for model in models if IsPartOf(poil.object, model.name)}
+    known = any(model.name == poil.object for model in models)
+    return not known and poil.demonstration_object not in files
+
+
+def _remove_geometry(
+    plant: MultibodyPlant, scene_graph: SceneGraph, bodies: Sequence[BodyIndex]
+) -> None:
+    inspector = scene_graph.model_inspector()
+    for body in bodies:
+        for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body)):
+            for role in (Role.kProximity, Role.kPerception, Role.kIllustration):
+                scene_graph.RemoveRole(plant.get_source_id(), geometry, role)
 
 
 def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:

@@ -122,6 +122,7 @@ def summarize(run: FinishedRun, outputs: OutputPaths) -> RunSummary:
     return RunSummary(
         success=success,
         reason=reason,
+        losses=recorder.tracking_losses().clause(),
         scenario=scenario.source.name,
         scenario_file=scenario.source.file,
         seed=scenario.random_seed,
@@ -144,6 +145,7 @@ def _figures(run: FinishedRun) -> dict[str, float]:
     times = {"fault_time_s": run.fault_time, "epoch_s": run.epoch}
     return {
         **({} if judge is None else {"hanging_time_s": judge.hanging_time(run.simulated)}),
+        **run.recorder.tracking_losses().figures(),
         **{name: time for name, time in times.items() if math.isfinite(time)},
         **({} if timing is None else timing.figures()),
     }
@@ -202,6 +204,7 @@ def _picture_data(
     targets = recorder.signal("target_points").reshape(points.shape)
     stamps, errors = recorder.tracking_errors()
     pictured = {phase.name.lower() for phase in _PICTURED_PHASES}
+    losses = f", {summary.losses}" if summary.losses else ""
     starts = [span.start for span in summary.phases if span.name in pictured]
     return SummaryData(
         title=f"{poil.object} on {poil.fixture}",
@@ -209,7 +212,7 @@ def _picture_data(
         reason=summary.reason,
         subtitle=(
             f"tracker {poil.tracker}, {timing.simulated:.1f} s simulated at "
-            f"{timing.real_time_factor:.2f} x real time"
+            f"{timing.real_time_factor:.2f} x real time{losses}"
         ),
         times=np.array(recorder.times),
         point_errors=np.linalg.norm(points - targets, axis=2),

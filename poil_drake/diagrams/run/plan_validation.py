@@ -83,6 +83,7 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
         detector=make_detector(poil.detector),
         object_label=poil.object,
         part_label=poil.part,
+        fusion=poil.fusion,
     )
     pairs = (
         (f"object '{poil.object}'", plan.object_points, view.whole.points),

@@ -14,17 +14,13 @@ from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
 from poil_drake.perception.detectors import make_detector
-from poil_drake.perception.fusion import FusionConfig, fuse_views
+from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.plausibility import check_plausible
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.worker_executor import WorkerExecutor
 from poil_drake.transfer.pipeline import TransferConfig, transfer
 from poil_drake.transfer.progress import Progress
-
-_OBSTACLE_FUSION = FusionConfig(voxel_size=0.004, outlier_neighbours=0)
-"""How images of the whole scene become obstacle points. These points are coarser than the object's,
-but fine enough to detect contact between object and fixture. A few outliers do no harm."""
 
 
 def PlanScenario(
@@ -64,7 +60,7 @@ def PlanScenario(
             q_start = station.ArmPosition(context)
         check_plausible(frame, table_height=poil.table_height)
         everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
-        scene = worker.submit(fuse_views, frame, everything, _OBSTACLE_FUSION)
+        scene = worker.submit(fuse_views, frame, everything, poil.fusion.coarser())
         transferred = transfer(
             recorded,
             frame,
@@ -73,7 +69,7 @@ def PlanScenario(
             object_label=poil.object,
             part_label=poil.part,
             demonstration_object_label=poil.demonstration_object_label,
-            config=replace(TransferConfig(), num_points=poil.num_points),
+            config=TransferConfig(num_points=poil.num_points, fusion=poil.fusion),
             executor=worker,
             progress=progress,
         )
@@ -107,14 +103,14 @@ def PlanScenario(
 
 
 def _planner_config(poil: PoilConfig) -> PlannerConfig:
-    """Returns the planner's configuration with the scenario's table height, limits and eta."""
-    config = PlannerConfig()
+    """Returns the planner's configuration with the scenario's settings."""
+    config = PlannerConfig(sampling=poil.grasp)
     path = replace(
         config.path,
         field=BcsdmConfig(eta=poil.eta),
         max_angular_speed=poil.max_angular_speed,
         max_linear_speed=poil.max_linear_speed,
     )
-    collision = replace(config.feasibility.collision, ground_height=poil.table_height)
+    collision = replace(poil.clearance, ground_height=poil.table_height)
     feasibility = replace(config.feasibility, collision=collision, posture=poil.safety.posture)
     return replace(config, path=path, feasibility=feasibility)

@@ -12,6 +12,7 @@ from poil_drake.geometry.rigid_transform import inverse, transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.safety.faults import SafetyFault
 from poil_drake.systems.skill.phases import Fault, Phase
+from poil_drake.systems.statuses import TrackerStatus
 
 _VECTORS = {
     # Name in the record       system, port
@@ -22,6 +23,8 @@ _VECTORS = {
     "tau": ("controller", "tau"),
     "joint_velocities": ("supervisor", "velocity"),
     "phase": ("sequencer", "phase"),
+    "detect_request": ("sequencer", "detect_request"),
+    "tracker_status": ("tracker", "status"),
 }
 
 
@@ -37,6 +40,41 @@ class CheckedTrack(NamedTuple):
 
     track: TrackedPoints
     truth: np.ndarray
+
+
+class TrackingLosses(NamedTuple):
+    """How often tracks were lost while the robot needed them: until it released the object.
+
+    Attributes:
+        losses: How often the tracker lost the object.
+        duration: How long the object was lost, in all [s].
+        searches: How often the part detector searched again, after which the tracker restarts.
+    """
+
+    losses: int = 0
+    duration: float = 0.0
+    searches: int = 0
+
+    def clause(self) -> str:
+        """Returns a clause for the run's result; empty if nothing was lost."""
+        if not (self.losses or self.searches):
+            return ""
+        return (
+            f"tracks were lost {_times(self.losses)}, for {self.duration:.1f} s in all, "
+            f"and the part was searched for again {_times(self.searches)}"
+        )
+
+    def figures(self) -> dict[str, float]:
+        """Returns the attributes by the names that they have in a run's figures."""
+        return {
+            "tracks_lost": self.losses,
+            "tracks_lost_time_s": self.duration,
+            "repeated_searches": self.searches,
+        }
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
 
 
 @dataclass
@@ -107,6 +145,19 @@ class RunRecorder:
         """Returns the signal `name`: a row per sample, or a number per sample if it is a scalar."""
         rows = np.array([sample.values[name] for sample in self.samples])
         return rows[:, 0] if rows.shape[1] == 1 else rows
+
+    def tracking_losses(self) -> TrackingLosses:
+        """Returns how often tracks were lost before the object was released."""
+        used = self.signal("phase") < Phase.RELEASE
+        lost = used & (self.signal("tracker_status") == TrackerStatus.LOST)
+        began = lost & ~np.r_[False, lost[:-1]]
+        periods = np.diff(self.times, append=self.times[-1:])
+        searches = self.signal("detect_request")[used]
+        return TrackingLosses(
+            losses=int(began.sum()),
+            duration=float(periods[lost].sum()),
+            searches=int(searches.max(initial=0.0)),
+        )
 
     def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns the (S,) stamps of `tracks` [s], and the (S, N) errors of their points [m].

@@ -1,14 +1,16 @@
 """Ground truth of a simulated run: the object's pose, and whether it hangs on its fixture."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.models import CollisionGeometries
+from poil_drake.diagrams.scenario.model_parts import BodiesByModel, CollisionGeometries, LinkName
 from poil_drake.diagrams.station.station import SimulatedStation
 
 _LONGEST_FLIGHT = 0.1
@@ -20,6 +22,8 @@ def TouchedGeometries(
     inspector: SceneGraphInspector,
     contact_results: ContactResults,
     model: str,
+    *,
+    fixture: str = "",
 ) -> frozenset[str]:
     """Returns the scoped names ("rack::rod::bar") of the geometries that touch a model.
 
@@ -27,8 +31,11 @@ def TouchedGeometries(
         plant: The simulated plant.
         inspector: The inspector of the plant's scene graph.
         contact_results: The value of the plant's `contact_results` port.
-        model: The model instance. Contacts within the model are ignored.
+        model: The model, see `ModelBodies`. Contacts within the model are ignored.
+        fixture: A model whose name is the scope of its geometries, even if it is part of another.
     """
+    bodies = BodiesByModel(plant, [name for name in (model, fixture) if name])
+    owners = {body: name for name, found in bodies.items() for body in found}
     pairs = []
     for i in range(contact_results.num_point_pair_contacts()):
         point = contact_results.point_pair_contact_info(i).point_pair()
@@ -38,7 +45,7 @@ def TouchedGeometries(
         pairs.append((surface.id_M(), surface.id_N()))
     touched = set()
     for pair in pairs:
-        a, b = (_scoped_name(plant, inspector, geometry_id) for geometry_id in pair)
+        a, b = (_scoped_name(plant, inspector, geometry_id, owners) for geometry_id in pair)
         for name, other in ((a, b), (b, a)):
             if other.startswith(f"{model}::") and not name.startswith(f"{model}::"):
                 touched.add(name)
@@ -46,11 +53,14 @@ def TouchedGeometries(
 
 
 def _scoped_name(
-    plant: MultibodyPlant, inspector: SceneGraphInspector, geometry_id: GeometryId
+    plant: MultibodyPlant,
+    inspector: SceneGraphInspector,
+    geometry_id: GeometryId,
+    owners: Mapping[BodyIndex, str],
 ) -> str:
     body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry_id))
-    model = plant.GetModelInstanceName(body.model_instance())
-    return f"{model}::{body.name()}::{inspector.GetName(geometry_id).split('::')[-1]}"
+    model = owners.get(body.index(), "world")
+    return f"{model}::{LinkName(body, model)}::{inspector.GetName(geometry_id).split('::')[-1]}"
 
 
 @dataclass
@@ -62,7 +72,7 @@ class HangingJudge:
     hanging time counts from when the object last began to hang.
 
     Attributes:
-        fixture: The fixture's model instance, e.g. "rack".
+        fixture: The fixture's name, e.g. "rack".
         holder: Scoped names of the geometries on which the object hangs, e.g. "rack::rod::bar".
         hanging_since: When the object began to hang [s]; None while it does not hang.
         holder_touched_at: When the object last touched the holder [s].
@@ -133,5 +143,6 @@ class SimulatedTruth:
             self._station.GetOutputPort("query_object").Eval(context).inspector(),
             self._station.GetOutputPort("contact_results").Eval(context),
             self._station.scenario.poil.object,
+            fixture=self._station.scenario.poil.fixture,
         )
         self.judge.observe(root.get_time(), touched)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load
+from pydrake.common.yaml import yaml_dump_typed, yaml_load
 
 from poil_drake.diagrams.scenario.hardware_config import CameraSource
 from poil_drake.diagrams.scenario.poil_config import PartRegion
@@ -32,7 +32,7 @@ _URLS = (
     "poil.demonstration_object",
     "poil.randomization.models.*",
 )
-_FILES = ("poil.demonstration", "poil.hardware.cameras.*.file")
+_FILES = ("poil.demonstration", "poil.packages.*", "poil.hardware.cameras.*.file")
 
 
 def default_scenario_file() -> Path:
@@ -235,7 +235,8 @@ def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
     """Returns a scenario as YAML text.
 
     The text holds every value, including defaults and randomized values, so that loading it gives
-    the same scenario even if defaults change. Of the models, it holds only the files' paths.
+    the same scenario even if defaults change. Of the models, it holds only the files' paths. The
+    order of all keys is kept, e.g. that of the cameras.
 
     Args:
         scenario: The scenario.
@@ -243,11 +244,24 @@ def DumpScenario(scenario: Scenario, *, named: bool = True) -> str:
             Without the name, `LoadScenario` accepts the text as `data`.
     """
     node = _node(scenario)
-    return yaml_dump({scenario.source.name or "Scenario": node} if named else node)
+    node = {scenario.source.name or "Scenario": node} if named else node
+    return yaml.dump(node, Dumper=_TaggedDumper, sort_keys=False)
+
+
+class _TaggedDumper(yaml.SafeDumper):
+    """Writes a mapping's key `_tag` as its tag, like Drake's `yaml_dump`, which sorts keys."""
+
+
+def _represent_mapping(dumper: yaml.SafeDumper, data: Mapping[str, Any]) -> yaml.MappingNode:
+    values = {key: value for key, value in data.items() if key != "_tag"}
+    return dumper.represent_mapping(data.get("_tag", "tag:yaml.org,2002:map"), values)
+
+
+_TaggedDumper.add_representer(dict, _represent_mapping)
 
 
 def _node(value: Any) -> Any:
-    """Converts a scenario's value to mappings, lists and scalars, which `yaml_dump` can write."""
+    """Converts a scenario's value to what `_TaggedDumper` writes: mappings, lists and scalars."""
     if dataclasses.is_dataclass(value):
         written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
         node = {field.name: _node(getattr(value, field.name)) for field in written}

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import pairwise
+from operator import attrgetter
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +14,10 @@ from poil_drake.diagrams.scenario.hardware_config import HardwareConfig
 from poil_drake.diagrams.scenario.value_ranges import require_not_negative, require_positive
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
+from poil_drake.perception.fusion import FusionConfig
+from poil_drake.robots.collision import CollisionConfig
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.disturbance_injector import Pulse
 from poil_drake.systems.safety.faults import SafetyConfig
@@ -119,8 +123,10 @@ class HangingMotionConfig:
         rod: A link of the fixture, or a regular expression for names of its collision geometries.
             The object is hung on the longest of these geometries. It counts as hanging only while
             it touches one of them.
-        start: Initial position of the object's frame in the world [m].
-        start_yaw: Initial direction of the handle, from the world's x axis [deg]. At 0, the
+        start: Where the object stands first, x and y of its frame in the world [m]; it stands on
+            `poil.table_height` unless a third number sets its frame's height. Empty: where the
+            scenario's own object starts.
+        start_yaw: Initial direction of the handle, from the one in which it hangs [deg]. At 0, the
             default cameras see the handle from the side.
         tilt: Final elevation of the handle above the horizontal [deg]. At 45, an arm that grips
             the rim from above ends in a comfortable posture: it reaches forward and down.
@@ -133,7 +139,7 @@ class HangingMotionConfig:
     """
 
     rod: str = "rod"
-    start: tuple[float, float, float] = (0.45, -0.13, 0.0)
+    start: tuple[float, ...] = ()
     start_yaw: float = 0.0
     tilt: float = 45.0
     seat: float = 0.54
@@ -145,6 +151,11 @@ class HangingMotionConfig:
         place = "poil.demonstration_motion.hanging"
         for name in ("clearance", "lift", "approach"):
             require_positive(f"{place}.{name}", getattr(self, name))
+        if len(self.start) not in (0, 2, 3):
+            raise ScenarioError(
+                f"{place}.start is {list(self.start)}, which is not a position.",
+                remedy="Use [x, y], or [x, y, z] to set the height of the object's frame as well.",
+            )
         if not 0.0 <= self.seat <= 1.0:
             raise ScenarioError(
                 f"{place}.seat is {self.seat}, which is not on the rod.",
@@ -177,6 +188,20 @@ class DemonstrationMotionConfig:
                 remedy="Define at least two keyframes at increasing times, the first at 0 s.",
             )
         require_not_negative("poil.demonstration_motion.blend", self.blend)
+
+
+_POSITIVE = ("grasp.seed_points", "grasp.approach_angle", "fusion.mask.relative_jump")
+_NOT_NEGATIVE = (
+    "grasp.part_clearance",
+    "clearance.robot_margin",
+    "clearance.object_margin",
+    "fusion.voxel_size",
+    "fusion.outlier_neighbours",
+    "fusion.mask.erosion",
+    "fusion.mask.edge_margin",
+    "fusion.mask.min_depth",
+    "latency",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,13 +239,19 @@ class PoilConfig:
     """The `poil` section: the task and POIL's settings.
 
     Attributes:
-        object: Model instance of the manipulated object.
+        object: Model instance of the manipulated object; or <model>::<body> if the object is one
+            body, with what it carries, of a larger model.
         part: Name of the object's functional part.
         parts: Part name -> a link of the object, a regular expression for names of its
             geometries, or a region (`!PartRegion`) of its visual meshes. A part that is not listed
             is the link of the same name.
-        fixture: Model instance with which the object interacts.
+        fixture: Model instance, or body of a model, with which the object interacts.
         robot: Model instance of the robot.
+        packages: `package.xml` files, or folders with such files, of the packages that `package://`
+            paths name in directives and models. Paths are relative to the scenario file.
+        collision: What becomes of concave collision meshes, of which Drake would use the filled
+            convex hull: "decompose" replaces them by convex pieces, "hull" keeps the hull, and None
+            refuses them.
         table_height: Height of the plane on which objects stand [m, world].
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
         demonstration_object_label: The object's name in the recording; None means `object`.
@@ -230,6 +261,10 @@ class PoilConfig:
         demonstration_motion: The object's motion in the built-in demonstration.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
+        fusion: How the cameras' images become the part's cloud. The clouds of the whole object and
+            of the obstacles have voxels twice as large.
+        grasp: How grasps are sampled.
+        clearance: Clearances that robot and object keep from the scene in a plan.
         num_points: Number of points on the functional part, N_k in the paper.
         num_support_points: Number of points, spread over the object, with which the tracker
             measures how much of the object is visible: at least 4 (40 in the paper).
@@ -252,6 +287,8 @@ class PoilConfig:
     parts: Mapping[str, str | PartRegion] = field(default_factory=dict)
     fixture: str = "rack"
     robot: str = "panda"
+    packages: tuple[str, ...] = ()
+    collision: str | None = None
     table_height: float = 0.0
     demonstration: str | None = None
     demonstration_object_label: str | None = None
@@ -262,6 +299,9 @@ class PoilConfig:
     )
     detector: str = "label_image"
     tracker: str = "rigid_flow"
+    fusion: FusionConfig = field(default_factory=FusionConfig)
+    grasp: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)
+    clearance: CollisionConfig = field(default_factory=CollisionConfig)
     num_points: int = 10
     num_support_points: int = 40
     eta: float = 3.0
@@ -282,9 +322,28 @@ class PoilConfig:
                     f"poil.{name} is {getattr(self, name)}, which is too few.",
                     remedy=f"It must be at least {lowest}.",
                 )
+        if self.collision not in (None, "decompose", "hull"):
+            raise ScenarioError(
+                f"poil.collision is '{self.collision}'.", remedy="Choose 'decompose' or 'hull'."
+            )
         for name in ("eta", "max_angular_speed", "max_linear_speed"):
             require_positive(f"poil.{name}", getattr(self, name))
-        require_not_negative("poil.latency", self.latency)
+        for name in _POSITIVE:
+            require_positive(f"poil.{name}", attrgetter(name)(self))
+        for name in _NOT_NEGATIVE:
+            require_not_negative(f"poil.{name}", attrgetter(name)(self))
+        if not self.grasp.approach_angle <= math.pi / 2:
+            raise ScenarioError(
+                f"poil.grasp.approach_angle is {self.grasp.approach_angle} rad.",
+                remedy="It must be at most 1.57, which is sideways.",
+            )
+        mask = self.fusion.mask
+        if not mask.min_depth < mask.max_depth:
+            raise ScenarioError(
+                f"poil.fusion.mask.max_depth is {mask.max_depth} m, not more than min_depth, "
+                f"{mask.min_depth} m.",
+                remedy="Raise it beyond the largest distance of the scene from a camera.",
+            )
         if not all((self.part, *self.parts)):
             place = "A key of poil.parts" if self.part else "poil.part"
             raise ScenarioError(f"{place} is empty.", remedy="Name the part.")

@@ -8,6 +8,7 @@ from pydrake.common.schema import Rotation, Transform
 from pydrake.math import RollPitchYaw
 from pydrake.multibody.parsing import AddModel, ModelDirective
 
+from poil_drake.diagrams.scenario.model_parts import IsPartOf
 from poil_drake.diagrams.scenario.poil_config import Randomization
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
@@ -35,17 +36,29 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
     choice, x, y, yaw = rng.uniform(size=4)
     if ranges.models:
         model = ObjectDirective(directives, scenario.poil.object)
+        if model.name != scenario.poil.object:
+            raise ScenarioError(
+                f"poil.randomization.models cannot replace '{scenario.poil.object}', which is part "
+                f"of the model '{model.name}'.",
+                remedy="Add the object by a directive of its own, or remove the models.",
+            )
         model.file = ranges.models[int(choice * len(ranges.models))]
     if ranges.x or ranges.y or ranges.yaw:
-        _move(ObjectDirective(directives, scenario.poil.object), ranges, (x, y, yaw))
+        _move(directives, scenario.poil.object, ranges, (x, y, yaw))
     return dataclasses.replace(
         scenario, directives=directives, random_seed=int(rng.integers(2**31))
     )
 
 
-def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, float]) -> None:
-    """Sets a model's default pose: `draws`, in [0, 1), are scaled to the ranges of x, y and yaw."""
-    body, transform = _default_pose(model)
+def _move(
+    directives: list[ModelDirective],
+    name: str,
+    ranges: Randomization,
+    draws: tuple[float, float, float],
+) -> None:
+    """Sets an object's default pose: `draws`, in [0, 1), are scaled to ranges of x, y and yaw."""
+    model = ObjectDirective(directives, name)
+    body, transform = _default_pose(model, name)
     translation = np.array(transform.translation, dtype=float)
     for axis, interval in enumerate((ranges.x, ranges.y)):
         if interval:
@@ -54,20 +67,23 @@ def _move(model: AddModel, ranges: Randomization, draws: tuple[float, float, flo
     if ranges.yaw:
         degrees = ranges.yaw[0] + draws[2] * (ranges.yaw[1] - ranges.yaw[0])
         rotation = Rotation(RollPitchYaw(0.0, 0.0, np.deg2rad(degrees)))
-    model.default_free_body_pose = {
-        body: Transform(base_frame=transform.base_frame, translation=translation, rotation=rotation)
-    }
+    moved = Transform(base_frame=transform.base_frame, translation=translation, rotation=rotation)
+    model.default_free_body_pose = {**model.default_free_body_pose, body: moved}
 
 
 def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
-    """Returns the directive that adds the model `name`. A change to it changes `directives`.
+    """Returns the directive that adds an object. A change to it changes `directives`.
+
+    Args:
+        directives: The directives.
+        name: The object: a model, or a body of a model.
 
     Raises:
         ScenarioError: No directive adds the model.
     """
     models = [d.add_model for d in directives if d.add_model is not None]
     for model in models:
-        if model.name == name:
+        if IsPartOf(name, model.name):
             return model
     raise ScenarioError(
         f"No directive adds a model named '{name}'.",
@@ -75,10 +91,13 @@ def ObjectDirective(directives: list[ModelDirective], name: str) -> AddModel:
     )
 
 
-def _default_pose(model: AddModel) -> tuple[str, Transform]:
-    """Returns the name of the only body with a default pose, and this pose, which is fixed."""
-    poses = list(model.default_free_body_pose.items())
-    if len(poses) != 1 or not isinstance(poses[0][1].translation, np.ndarray):
+def _default_pose(model: AddModel, name: str) -> tuple[str, Transform]:
+    """Returns the name of the object's only body with a default pose, and this pose, fixed."""
+    poses = dict(model.default_free_body_pose)
+    link = name.removeprefix(f"{model.name}::")
+    if link in poses:
+        poses = {link: poses[link]}
+    if len(poses) != 1 or not isinstance(next(iter(poses.values())).translation, np.ndarray):
         kind = "a random default pose" if len(poses) == 1 else f"{len(poses)} default poses"
         raise ScenarioError(
             f"The directive that adds '{model.name}' has {kind}, but randomization needs one fixed "
@@ -86,4 +105,4 @@ def _default_pose(model: AddModel) -> tuple[str, Transform]:
             remedy="In this directive, define one default_free_body_pose, for the base link, with "
             "a deterministic translation; or remove the ranges of poil.randomization.",
         )
-    return poses[0]
+    return next(iter(poses.items()))

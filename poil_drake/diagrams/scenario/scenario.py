@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 import numpy as np
+from pydrake.geometry import DefaultProximityProperties, SceneGraphConfig
 from pydrake.lcm import DrakeLcmParams
 from pydrake.multibody.parsing import ModelDirective
 from pydrake.multibody.plant import MultibodyPlantConfig
@@ -25,6 +26,8 @@ GROUND_TRUTH = "ground_truth"
 
 NO_NETWORK = "memq://null"
 """The address of an LCM network that carries nothing."""
+
+_FINEST_RESOLUTION = 0.001  # [m] The link of an arm then has about 10,000 triangles.
 
 _ROUNDING = 1e-9  # Relative rounding error of decimal numbers.
 
@@ -54,6 +57,11 @@ class Scenario:
             are discrete, so `integration_scheme`, `max_step_size`, `accuracy` and
             `use_error_control` have no effect.
         plant_config: Drake's plant settings, but `poil.rates.plant` replaces `time_step`.
+        scene_graph_config: Drake's contact properties of geometries whose models state none. With
+            the `compliance_type` undefined, those that can move become rigid and those fixed to the
+            world compliant, which suits the compliant finger pads; `rigid` or `compliant` applies
+            to both, as in Drake. Without a `resolution_hint`, round shapes get 16 edges around.
+            `plant_config.contact_model: point` turns this off.
         directives: The models: files, welds, default poses. A file is `package://...`,
             `file://...`, or a path relative to the scenario file.
         lcm_buses: Name -> LCM network. The default network sends nothing.
@@ -82,6 +90,11 @@ class Scenario:
             contact_model="hydroelastic_with_fallback", discrete_contact_approximation="lagged"
         )
     )
+    scene_graph_config: SceneGraphConfig = field(
+        default_factory=lambda: SceneGraphConfig(
+            default_proximity_properties=DefaultProximityProperties(resolution_hint=None)
+        )
+    )
     directives: list[ModelDirective] = field(default_factory=list)
     lcm_buses: Mapping[str, DrakeLcmParams] = field(
         default_factory=lambda: {"default": DrakeLcmParams(lcm_url=NO_NETWORK)}
@@ -105,6 +118,7 @@ class Scenario:
         if self.simulation_duration != math.inf:
             require_positive("simulation_duration", self.simulation_duration)
         require_positive("visualization.publish_period", self.visualization.publish_period)
+        _check_resolution(self.scene_graph_config)
         _check_directives(self.directives)
         _check_simulator(self.simulator_config)
         _check_time_step(self.plant_config, self.poil)
@@ -116,6 +130,17 @@ class Scenario:
     def robot_driver(self) -> PandaDriver:
         """How the robot follows commands: its entry in `model_drivers`, or the default."""
         return self.model_drivers.get(self.poil.robot, PandaDriver())
+
+
+def _check_resolution(config: SceneGraphConfig) -> None:
+    """Checks that meshes of round shapes do not become so fine that they fill the memory."""
+    resolution = config.default_proximity_properties.resolution_hint
+    if resolution is not None and not resolution >= _FINEST_RESOLUTION:
+        raise ScenarioError(
+            "scene_graph_config.default_proximity_properties.resolution_hint is "
+            f"{resolution} m, which is out of range.",
+            remedy=f"It must be at least {_FINEST_RESOLUTION} m; null suits each shape's radius.",
+        )
 
 
 def _check_directives(directives: Sequence[ModelDirective]) -> None:

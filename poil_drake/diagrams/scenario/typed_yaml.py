@@ -151,7 +151,11 @@ def _merge_structure(
         except ScenarioError:
             raise
         except PoilError as error:
-            raise ScenarioError(f"{path}: {error.problem}", remedy=error.remedy) from error
+            # Users know the key, not the class.
+            own, key = f"{type(default).__name__}.", f"{path}."
+            problem = error.problem.replace(own, key)
+            problem = problem if key in problem else f"{path}: {problem}"
+            raise ScenarioError(problem, remedy=error.remedy.replace(own, key)) from error
     merged = copy.deepcopy(default)
     for key, value in values.items():
         try:

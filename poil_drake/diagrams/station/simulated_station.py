@@ -12,6 +12,8 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig, LcmBuses
 from pydrake.visualization import ApplyVisualizationConfig
 
+from poil_drake.diagrams.scenario.model_checks import RequireMass, RequireObjectInertia
+from poil_drake.diagrams.scenario.model_parts import BaseBody
 from poil_drake.diagrams.scenario.models import AddScenarioPlant
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.cameras.camera_process import CameraProcess
@@ -21,11 +23,12 @@ from poil_drake.diagrams.station.cameras.cameras import (
     CheckCameras,
     MakeCameraModels,
 )
+from poil_drake.diagrams.station.contact_properties import ApplySceneGraphConfig
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import RgbdImage, by_name
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_ports import copied_image
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
@@ -104,6 +107,9 @@ class SimulatedStation(Station):
             parser_preload_callback=parser_preload_callback,
             parser_prefinalize_callback=parser_prefinalize_callback,
         )
+        RequireMass(self._plant)
+        RequireObjectInertia(self._plant, self._scene_graph.model_inspector(), poil.object)
+        ApplySceneGraphConfig(self._plant, self._scene_graph, scenario)
         lcm_buses = ApplyLcmBusConfig(dict(scenario.lcm_buses), builder)
         AddPandaDrivers(builder=builder, plant=self._plant, scenario=scenario)
         offset = 0.0
@@ -188,9 +194,9 @@ class SimulatedStation(Station):
             return tuple(self._image(context, name, labels) for name in self.camera_names)
         plant_context = self.GetSubsystemContext(self._plant, context)
         scene = (self._plant.GetPositions(plant_context), context.get_time())
-        images = self._camera_process.render(*scene)
+        images = by_name(self.camera_names, self._camera_process.render(*scene))
         if labels:
-            found = self._camera_process.render_labels(*scene)
+            found = by_name(self.camera_names, self._camera_process.render_labels(*scene))
             images = tuple(replace(i, label=n) for i, n in zip(images, found, strict=True))
         return images
 
@@ -226,5 +232,4 @@ class SimulatedStation(Station):
 
     def object_body(self) -> RigidBody:
         """Returns the object's base body, whose frame is the object's frame O."""
-        instance = self._plant.GetModelInstanceByName(self.scenario.poil.object)
-        return self._plant.get_body(self._plant.GetBodyIndices(instance)[0])
+        return BaseBody(self._plant, self.scenario.poil.object)

@@ -4,17 +4,24 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydrake.geometry import SceneGraph, SceneGraphInspector
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
+from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
+from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
+from poil_drake.diagrams.scenario.model_parts import (
+    CollisionGeometries,
+    GeometryChoices,
+    RequireFreeObject,
+    RequireModels,
+)
 from poil_drake.diagrams.scenario.models import (
     AddModels,
     AddPackages,
-    CollisionGeometries,
-    RequireFreeObject,
-    RequireModel,
+    FinishModels,
+    FlatDirectives,
     SetInitialPositions,
 )
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
@@ -27,8 +34,6 @@ from poil_drake.systems.disturbance_injector import pulses_with_bodies
 
 PrefinalizeCallback = Callable[[Parser], None]
 """Called with the parser while models can still be added."""
-
-_LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 
 
 def MakeUnsimulatedPlant(
@@ -78,22 +83,25 @@ def AddStationModels(
     """
     poil = scenario.poil
     parser = Parser(plant)
-    AddPackages(parser, package_xmls)
+    AddPackages(parser, scenario, package_xmls)
     if parser_preload_callback is not None:
         parser_preload_callback(parser)
-    AddModels(parser, scenario.directives)
-    for role in ("robot", "object", "fixture"):
-        RequireModel(plant, getattr(poil, role), role)
+    directives = FlatDirectives(scenario.directives, parser.package_map())
+    AddModels(parser, directives)
+    RequireModels(plant, {r: getattr(poil, r) for r in ("robot", "object", "fixture")})
+    RequireMetres(scene_graph)
+    ReplaceConcaveMeshes(plant, scene_graph, poil)
     SetControllerGains(plant, scenario)
     SetInitialPositions(plant, scenario)
     label_ids = AssignLabels(
         plant=plant,
         scene_graph=scene_graph,
-        parts={poil.object: {poil.part: poil.part, **poil.parts}},
+        parts={poil.object: {poil.part: poil.part, **poil.parts}, poil.fixture: {}},
     )
+    MakeMeshesDrawable(plant, scene_graph)
     if parser_prefinalize_callback is not None:
         parser_prefinalize_callback(parser)
-    plant.Finalize()
+    FinishModels(plant, directives)
     _check_fit(plant, scene_graph.model_inspector(), scenario)
     return label_ids
 
@@ -102,13 +110,14 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
     """Checks a scenario's names and initial positions against the models of a finalized plant.
 
     Raises:
-        ScenarioError: The object cannot move freely; the robot's base is not fixed to the world;
-            the fixture has no rod; `model_drivers` names another model than the robot; a joint
-            starts outside its limits; or a disturbance acts on an unknown body.
+        ScenarioError: The object cannot move freely, or its size is wrong; the robot's base is not
+            fixed to the world; the fixture has no rod; `model_drivers` names another model than the
+            robot; a joint starts outside its limits; or a disturbance acts on an unknown body.
     """
     poil = scenario.poil
     _require_holder(plant, inspector, poil)
     RequireFreeObject(plant, poil.object)
+    RequireObjectSize(plant, inspector, poil.object)
     _require_welded_base(plant, poil)
     for name in scenario.model_drivers:
         if name != poil.robot:
@@ -117,8 +126,7 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
                 remedy=f"Rename this key of model_drivers to '{poil.robot}', or remove it.",
             )
     pulses_with_bodies(plant, poil.disturbances)
-    for name in scenario.initial_position:
-        _require_start_within_limits(plant, name)
+    RequireStartWithinLimits(plant)
 
 
 def _require_welded_base(plant: MultibodyPlant, poil: PoilConfig) -> None:
@@ -138,24 +146,9 @@ def _require_holder(
     if CollisionGeometries(plant, inspector, poil.fixture, rod):
         return
     known = CollisionGeometries(plant, inspector, poil.fixture, ".*")
-    links = sorted({geometry.link for geometry in known})
-    geometries = sorted(geometry.name for geometry in known)
     raise ScenarioError(
         f"poil.demonstration_motion.hanging.rod is '{rod}', but the fixture '{poil.fixture}' has "
         "no such link or collision geometry.",
-        remedy=f"Set this key to one of the links ({', '.join(links)}), or to a regular expression "
-        f"for names of collision geometries ({', '.join(geometries)}).",
+        remedy=f"Set this key to one of {GeometryChoices(known)}. Shapes that are only visual do "
+        "not count.",
     )
-
-
-def _require_start_within_limits(plant: MultibodyPlant, model: str) -> None:
-    for index in plant.GetJointIndices(plant.GetModelInstanceByName(model)):
-        joint = plant.get_joint(index)
-        q = joint.default_positions()
-        lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
-        if np.any(q < lower - _LIMIT_TOLERANCE) or np.any(q > upper + _LIMIT_TOLERANCE):
-            raise ScenarioError(
-                f"initial_position.{model}.{joint.name()} is {q.tolist()}, beyond the joint's "
-                f"limits {lower.tolist()} and {upper.tolist()}.",
-                remedy="Use values within the limits, in radians or metres.",
-            )

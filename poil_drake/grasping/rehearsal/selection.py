@@ -10,7 +10,7 @@ import numpy as np
 
 from poil_drake.errors import NoFeasibleGraspError
 from poil_drake.geometry.scene_cloud import SceneCloud
-from poil_drake.grasping.candidates.grasp_candidate import GraspCandidate
+from poil_drake.grasping.candidates.grasp_candidate import GRIPPER, GraspCandidate
 from poil_drake.grasping.rehearsal.object_path import (
     ObjectPath,
     ObjectPathConfig,
@@ -28,6 +28,7 @@ from poil_drake.runtime.worker_executor import run_in_halves
 from poil_drake.transfer.matching import Matching
 from poil_drake.transfer.progress import Progress
 
+_OPENING = 1000.0 * GRIPPER.max_width  # [mm]
 _BATCH = 12  # Grasps rehearsed at once in a process, which bounds the memory needed.
 
 
@@ -138,10 +139,10 @@ _REMEDIES = {
     Failure.SINGULAR: f"Move the object away from the edge of the arm's reach, or {_NEARER}.",
     Failure.WORKSPACE: "Widen the box (poil.safety.posture), or move object and fixture away from "
     "that face, and record the demonstration again if the fixture has moved.",
-    Failure.ROBOT_COLLISION: "Clear the space around the object and the fixture, and check the "
-    "cameras' poses.",
+    Failure.ROBOT_COLLISION: "Clear the space around the object and the fixture, check the "
+    "cameras' poses, or lower poil.clearance.robot_margin.",
     Failure.OBJECT_COLLISION: "Check that the fixture is where it was in the demonstration, and "
-    "that the goal is not occupied.",
+    "that the goal is not occupied, or lower poil.clearance.object_margin.",
     Failure.NOT_CONVERGED: "Raise poil.max_linear_speed or poil.max_angular_speed, or record a "
     "shorter demonstration.",
 }
@@ -160,8 +161,10 @@ def _no_feasible_grasp(
     if not candidates:
         return NoFeasibleGraspError(
             "No grasp was found on the object: there is no place where the fingers fit around it "
-            "without touching the functional part or the scene.",
-            remedy="Check the masks of object and part, and clear the space around the object.",
+            f"without touching the functional part or the scene. They open {_OPENING:.0f} mm; "
+            "wider objects are grasped by a rim.",
+            remedy="Check the masks of object and part, clear the space around the object, or "
+            "lower poil.grasp.part_clearance.",
         )
     failures = Counter(
         Failure.OUT_OF_REACH if f is None or f.failure is None else f.failure for f in findings

@@ -14,6 +14,9 @@ _PAUSE = 0.001
 AHEAD = 0.02
 """Images stamped farther in the future than this [s] show that the clocks differ."""
 
+_ANOTHER_CLOCK = 600.0
+"""Images stamped farther in the past than this [s] show that the clocks differ."""
+
 _JOIN_TIMEOUT = 1.0
 """How long `close` waits for the thread [s]. A device may block for longer while it opens."""
 
@@ -146,7 +149,11 @@ def camera_problems(
     for name, thread in threads.items():
         found = [thread.problem] if thread.problem else []
         age = 0.0 if thread.newest is None else now - thread.newest.stamp
-        if age > oldest:
+        if age > _ANOTHER_CLOCK:
+            found.append(
+                f"its newest image is stamped {age:.0f} s in the past: are the clocks synchronized?"
+            )
+        elif age > oldest:
             found.append(f"no new image for {age:.1f} s")
         if age < -AHEAD:
             found.append(

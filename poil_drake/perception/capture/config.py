@@ -152,7 +152,7 @@ class McapPlayback:
             about a second per minute of recording. Images that are due before the file is read are
             skipped.
         labels: Whether the recording must hold label images of the camera; not every image needs
-            one. The labels must be those of the scenario's models, as in a recording with the same
+            one. Labels are matched by the names of models and parts, which must be those of the
             scenario. A run waits for a labelled image that comes after the cameras are ready. If
             few images are labelled, as in a demonstration, set `loop` and use a recording that is
             shorter than `poil.hardware.ready_timeout`.

@@ -1,6 +1,7 @@
 """Plays back a recorded camera in real time."""
 
 import time
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
 from poil_drake.recording.demonstration.frame_grouping import median_period
+from poil_drake.recording.demonstration.relabelling import relabelled
 from poil_drake.recording.demonstration.stored_images import RecordedFrames
 from poil_drake.runtime.interpreter_turns import TURNS
 
@@ -32,6 +34,8 @@ class CameraPlayback:
         config: The file, and how to play it.
         camera: The camera's model in the scenario; its intrinsics must match the recording.
         clock: Returns the current time [s since the epoch].
+        label_ids: The scenario's labels, see `MultiViewFrame.label_ids`; the recorded label images
+            are translated to their numbers. None keeps the recorded numbers.
         every_image: Whether images that are due are read one after the other, even if late.
 
     Raises:
@@ -44,6 +48,7 @@ class CameraPlayback:
         *,
         camera: CameraModel,
         clock: Clock,
+        label_ids: Mapping[str, Sequence[int]] | None = None,
         every_image: bool = False,
     ):
         if not config.file:
@@ -52,6 +57,7 @@ class CameraPlayback:
                 remedy="Set it to a demonstration or to the log of a run.",
             )
         self._config, self._camera, self._clock = config, camera, clock
+        self._label_ids = label_ids
         self._every_image = every_image
         self._source = f"Camera '{camera.name}'"
         self._recording: Demonstration | None = None
@@ -97,12 +103,14 @@ class CameraPlayback:
         self._played = number
         TURNS.wait()
         try:
-            image = self._recording.frames[number % len(self._offsets)].images[0]
+            frame = self._recording.frames[number % len(self._offsets)]
+            image = frame.images[0]
         except DemonstrationError as error:
             raise NoImageError(f"{self._source}: {error.problem}", remedy=error.remedy) from error
-        return RgbdImage(
-            image.rgb, image.depth, self._start + self._time_of(number), label=image.label
-        )
+        label = image.label
+        if label is not None and self._label_ids is not None:
+            label = relabelled(label, frame.label_ids, self._label_ids)
+        return RgbdImage(image.rgb, image.depth, self._start + self._time_of(number), label=label)
 
     def close(self) -> None:
         """Releases the recording; see `CaptureDevice.close`."""

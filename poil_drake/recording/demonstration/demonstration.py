@@ -175,13 +175,15 @@ def _views(contents: Contents, name: str, base: str, rows: np.ndarray) -> list[S
     views: list[StoredView] = []
     for image, depth in rows:
         color, stored_depth = camera.image[image], camera.depth[depth]
+        lens = _calibration_at(camera.calibration, color.stamp)
         registration = None
         if camera.depth_calibration:
             X_CD = frames.pose(
                 base=camera.frame_id, frame=camera.depth_frame_id, stamp=stored_depth.stamp
             )
-            lens = _calibration_at(camera.depth_calibration, stored_depth.stamp)
-            registration = Registration(lens, X_CD)
+            depth_lens = _calibration_at(camera.depth_calibration, stored_depth.stamp)
+            if not (depth_lens.same_view(lens) and np.allclose(X_CD, np.eye(4), atol=1e-6)):
+                registration = Registration(depth_lens, X_CD)
         limit = tolerance if views else to_nanoseconds(_MAX_LABEL_DELAY)
         label = min(camera.label, key=lambda label: abs(label.stamp - color.stamp), default=None)
         if label and abs(label.stamp - color.stamp) >= limit:
@@ -189,7 +191,7 @@ def _views(contents: Contents, name: str, base: str, rows: np.ndarray) -> list[S
         views.append(
             StoredView(
                 name,
-                _calibration_at(camera.calibration, color.stamp),
+                lens,
                 frames.pose(base=base, frame=camera.frame_id, stamp=color.stamp),
                 StoredImages(color, stored_depth, label),
                 registration,

@@ -71,6 +71,14 @@ class Calibration:
     K: np.ndarray
     distortion: np.ndarray
 
+    def same_view(self, other: "Calibration") -> bool:
+        """Returns whether two cameras at the same pose take the same image of a scene."""
+        return (
+            (self.width, self.height) == (other.width, other.height)
+            and np.array_equal(self.K, other.K)
+            and np.array_equal(self.distortion, other.distortion)
+        )
+
 
 def decode_calibration(message: Any) -> Calibration:
     """Returns the calibration in a message.

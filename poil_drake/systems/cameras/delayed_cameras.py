@@ -1,13 +1,13 @@
 """Simulated cameras whose images appear a fixed delay after their capture."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from pydrake.systems.framework import Context, LeafSystem, State
 
-from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.perception.images import CameraModel, RgbdImage, by_name
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_ports import DeclareCameraOutputs
 from poil_drake.systems.capture_and_release import CaptureAndRelease
@@ -17,8 +17,8 @@ from poil_drake.systems.capture_timing import Captured, SimulatedDelay
 class SceneRenderer(Protocol):
     """Renders a scene. Calls may take long; only one thread calls at a time."""
 
-    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
-        """Returns the image of each camera, with the stamp `time` [s].
+    def render(self, positions: np.ndarray, time: float) -> Mapping[str, RgbdImage]:
+        """Returns the image of each camera by its name, with the stamp `time` [s].
 
         Args:
             positions: The plant's generalised positions (nq,).
@@ -26,8 +26,8 @@ class SceneRenderer(Protocol):
         """
         ...
 
-    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
-        """Returns the label image (H, W) int16 of each image that `render` returns."""
+    def render_labels(self, positions: np.ndarray, time: float) -> Mapping[str, np.ndarray]:
+        """Returns the label image (H, W) int16 of each camera by its name."""
         ...
 
 
@@ -88,8 +88,8 @@ class DelayedCameras(LeafSystem):
         """Constructs the system.
 
         Args:
-            renderer: Renders the images.
-            cameras: The cameras' models, in the order of the renderer's images.
+            renderer: Renders the images of exactly these cameras.
+            cameras: The cameras' models.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
             period: Time from one capture to the next [s].
@@ -140,13 +140,15 @@ class DelayedCameras(LeafSystem):
         if not np.isfinite(positions).all():
             return None
         time, renderer = context.get_time(), self._renderer
+        names = [camera.name for camera in self.cameras]
 
         @cache
         def labels() -> tuple[np.ndarray, ...]:
-            return self._rendered.submit(lambda: renderer.render_labels(positions, time)).result()
+            work = self._rendered.submit(lambda: renderer.render_labels(positions, time))
+            return by_name(names, work.result())
 
         def render() -> _Rendered:
             with self._stopwatch.measure("rendering"):
-                return _Rendered(renderer.render(positions, time), labels)
+                return _Rendered(by_name(names, renderer.render(positions, time)), labels)
 
         return render

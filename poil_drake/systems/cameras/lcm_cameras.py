@@ -2,7 +2,7 @@
 
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.systems.framework import Context, LeafSystem
 
 from poil_drake.errors import CaptureError
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import RgbdImage, by_name
 from poil_drake.runtime.background_thread import Background
 from poil_drake.systems.cameras.delayed_cameras import SceneRenderer
 from poil_drake.systems.cameras.lcm_image_messages import decode_images, encode_images
@@ -59,8 +59,8 @@ class LcmCameraFeed(LeafSystem):
         """Constructs the feed.
 
         Args:
-            renderer: Renders the images.
-            channels: Camera -> LCM channel of its images, in the order of the renderer's images.
+            renderer: Renders the images of exactly these cameras.
+            channels: Camera -> LCM channel of its images.
             url: The URL of the LCM network.
             num_positions: Size of the plant's positions, nq.
             num_velocities: Size of the plant's velocities, nv.
@@ -94,15 +94,14 @@ class LcmCameraFeed(LeafSystem):
         )
 
     def _send(self, positions: np.ndarray, now: float, stamp: float, labels: bool) -> None:
-        images = self._renderer.render(positions, now)
+        names = list(self._channels)
+        images = by_name(names, self._renderer.render(positions, now))
         found: Sequence[np.ndarray | None] = [None] * len(images)
         if labels:
-            found = self._renderer.render_labels(positions, now)
-        for (name, channel), image, label in zip(
-            self._channels.items(), images, found, strict=True
-        ):
+            found = by_name(names, self._renderer.render_labels(positions, now))
+        for name, image, label in zip(names, images, found, strict=True):
             stamped = replace(image, stamp=stamp, label=label)
-            self._lcm.Publish(channel, encode_images(stamped, camera=name))
+            self._lcm.Publish(self._channels[name], encode_images(stamped, camera=name))
 
 
 class LcmImageDevice:
@@ -112,16 +111,26 @@ class LcmImageDevice:
     `read`, not on the thread that commands the robot. The sender sets the stamps.
     """
 
-    def __init__(self, *, url: str, channel: str, size: tuple[int, int], every_image: bool = False):
+    def __init__(
+        self,
+        *,
+        url: str,
+        channel: str,
+        size: tuple[int, int],
+        other_cameras: Collection[str] = (),
+        every_image: bool = False,
+    ):
         """Stores the settings; `open` opens the channel.
 
         Args:
             url: The URL of the LCM network.
             channel: The channel of the images.
             size: (height, width) of the images [px].
+            other_cameras: Names of cameras whose images are refused on this channel.
             every_image: Whether images that arrived meanwhile are read one after the other.
         """
         self._url, self._channel, self._size = url, channel, size
+        self._other_cameras = other_cameras
         self._lcm: LcmNetwork | None = None
         self._capacity = _BACKLOG if every_image else _WAITING
         self._unread = deque[bytes](maxlen=_BACKLOG if every_image else 1)
@@ -141,7 +150,8 @@ class LcmImageDevice:
         self._lcm.HandleSubscriptions(0 if self._unread else _PATIENCE)
         if not self._unread:
             return None
-        return decode_images(self._unread.popleft(), size=self._size)
+        message = self._unread.popleft()
+        return decode_images(message, size=self._size, other_cameras=self._other_cameras)
 
     def close(self) -> None:
         """See `CaptureDevice.close`."""

@@ -3,6 +3,7 @@
 import io
 import struct
 import zlib
+from collections.abc import Collection
 from typing import Any
 
 import cv2
@@ -59,7 +60,9 @@ def encode_images(image: RgbdImage, *, camera: str) -> bytes:
     return message.encode()
 
 
-def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
+def decode_images(
+    message: bytes, *, size: tuple[int, int], other_cameras: Collection[str] = ()
+) -> RgbdImage:
     """Returns the images of a message, with the stamp of its header.
 
     Colour may be 8-bit RGB, BGR, RGBA or BGRA. Depth may be 32-bit floats [m], or 16-bit integers
@@ -69,9 +72,11 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
     Args:
         message: An encoded `lcmt_image_array`.
         size: (height, width) [px] of every image in the message.
+        other_cameras: Names of cameras whose images do not belong on the channel.
 
     Raises:
-        NoImageError: if the message is invalid, or lacks a colour or depth image of that size.
+        NoImageError: if the message is invalid, lacks a colour or depth image of that size, or is
+            the message of another camera.
     """
     try:
         array = lcmt_image_array.decode(message)
@@ -79,6 +84,12 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
         raise _unusable(
             f"the message's {len(message)} bytes are no lcmt_image_array ({error})"
         ) from error
+    if array.header.frame_name in other_cameras:
+        raise NoImageError(
+            f"A message on the camera's channel holds images of '{array.header.frame_name}'.",
+            remedy="Give each camera its own channel in poil.hardware.cameras, the same in the "
+            "scenarios of both programs.",
+        )
     if len(array.images) > _MOST_IMAGES:
         raise _unusable(f"the message has {len(array.images)} images, more than {_MOST_IMAGES}")
     rgb = depth = label = None

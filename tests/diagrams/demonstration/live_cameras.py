@@ -55,7 +55,7 @@ def noise(number: int, *, stamp: float = 0.0, labelled: bool = False) -> RgbdIma
 def _pixels(number: int) -> tuple[np.ndarray, np.ndarray]:
     rng = np.random.default_rng(number)
     rgb = rng.integers(0, 256, (HEIGHT, WIDTH, 3), np.uint8)
-    return rgb, rng.integers(300, 3000, (HEIGHT, WIDTH)).astype(np.float32) * np.float32(0.001)
+    return rgb, rng.integers(300, 3000, (HEIGHT, WIDTH)).astype(np.float32) / np.float32(1000.0)
 
 
 class LcmSender:

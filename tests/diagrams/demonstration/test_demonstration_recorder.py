@@ -12,8 +12,8 @@ pytestmark = pytest.mark.render
 
 SMALL = """
 cameras:
-  left: { width: 160, height: 120 }
-  right: { width: 160, height: 120 }
+  left: { width: 320, height: 240 }
+  right: { width: 320, height: 240 }
 poil:
   rates: { tracker: 1 }
 """
@@ -49,7 +49,7 @@ def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
     (tmp_path / "scenario.yaml").write_text(dut.scenario_text)
     again = LoadScenario(filename=tmp_path / "scenario.yaml")
     assert again.poil == ChooseScenario(data=SMALL).poil
-    assert again.cameras["right"].width == 160
+    assert again.cameras["right"].width == 320
     assert again.source.name == dut.metadata["scenario"] == "HangMug"
     assert dut.metadata["scenario_file"] == str(default_scenario_file())
     for package in ("poil-drake", "drake", "numpy"):

@@ -192,7 +192,10 @@ def _is_the_robots(directive) -> bool:
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ("{add_directives: {file: nowhere.yaml}}", r"directives.*nowhere\.yaml.*add_directives"),
+        (
+            "{add_directives: {file: nowhere.yaml}}",
+            r"add_directives.*nowhere\.yaml.*Correct",
+        ),
         (
             "{add_weld: {parent: 'panda::panda_hand', child: 'rack::stand'}}",
             "fixture 'rack' is welded to the robot 'panda'",

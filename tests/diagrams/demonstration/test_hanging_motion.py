@@ -3,6 +3,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 import pytest
+from moved_scene import moved
+from pydrake.math import RotationMatrix
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -12,7 +14,7 @@ from poil_drake.diagrams.scenario.poil_config import (
     HangingMotionConfig,
 )
 from poil_drake.errors import ScenarioError
-from poil_drake.geometry.rigid_transform import rotation_angle
+from poil_drake.geometry.rigid_transform import make_transform, rotation_angle
 from poil_drake.models.mug_family import NAMED_MUGS
 from poil_drake.models.mug_shape import handle_center_line
 
@@ -27,8 +29,9 @@ def scene_of(mug):
     return DemonstrationScene(ChooseScenario(data=data), cameras=False)
 
 
-def motion_in(scene, **kwargs):
-    config = DemonstrationMotionConfig(hanging=HangingMotionConfig(**kwargs))
+def motion_in(scene, start=(0.45, -0.13), **kwargs):
+    hanging = HangingMotionConfig(start=start, **kwargs)
+    config = DemonstrationMotionConfig(hanging=hanging)
     return MakeDemonstrationMotion(scene, config)
 
 
@@ -92,8 +95,32 @@ def test_it_ends_tilted_with_the_handle_up_and_away_from_the_robot(dut):
 
 def test_it_starts_upright_on_the_table(dut):
     np.testing.assert_allclose(
-        dut.pose(0.0), [[1, 0, 0, 0.45], [0, 1, 0, -0.13], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-9
+        dut.pose(0.0), [[1, 0, 0, 0.45], [0, 1, 0, -0.13], [0, 0, 1, 0], [0, 0, 0, 1]], atol=1e-7
     )
+
+
+def test_by_default_it_starts_where_the_scenarios_own_object_does(scene):
+    position = motion_in(scene, start=()).pose(0.0)[:3, 3]
+
+    np.testing.assert_allclose(position, [0.47, -0.12, 0.0], atol=1e-7)
+
+
+def test_the_height_of_its_start_can_be_given(scene):
+    position = motion_in(scene, start=(0.4, 0.0, 0.1)).pose(0.0)[:3, 3]
+
+    np.testing.assert_array_equal(position, [0.4, 0.0, 0.1])
+
+
+@pytest.mark.parametrize(("height", "yaw"), [(0.75, 0.0), (-0.1, 90.0), (0.4, -150.0)])
+def test_it_moves_with_the_whole_scene(scene, height, yaw):
+    expected = motion_in(scene, start=())
+
+    elsewhere = DemonstrationScene(moved(ChooseScenario(), height=height, yaw=yaw), cameras=False)
+    dut = motion_in(elsewhere, start=())
+
+    X = make_transform(RotationMatrix.MakeZRotation(np.radians(yaw)).matrix(), [0, 0, height])
+    for time in (0.0, 2.0, 4.5, 99.0):
+        np.testing.assert_allclose(dut.pose(time), X @ expected.pose(time), atol=1e-5)
 
 
 def test_it_goes_at_a_human_pace_and_rests_at_both_ends(dut):

@@ -8,6 +8,7 @@ from short_skill import short_plan, short_scenario
 
 from poil_drake.diagrams.run.finished_run import FinishedRun, WriteReport, summarize
 from poil_drake.diagrams.run.output_paths import OutputPaths
+from poil_drake.diagrams.run.recorder import TrackingLosses
 from poil_drake.diagrams.run.task_success import HangingJudge
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.safety.faults import SafetyFault
@@ -23,6 +24,7 @@ class Samples:
     def __init__(self, judge: HangingJudge, *last_phases: Phase):
         phases = [*PICTURED, *last_phases]
         count = len(phases)
+        self.losses = TrackingLosses()
         self.judge, self.phase = judge, phases[-1]
         self.times = [0.5 * k for k in range(count)]
         self._signals = {
@@ -37,6 +39,9 @@ class Samples:
 
     def signal(self, name: str) -> np.ndarray:
         return self._signals[name]
+
+    def tracking_losses(self) -> TrackingLosses:
+        return self.losses
 
     def tracking_errors(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([0.25, 0.75]), np.array([[0.001, 0.003], [np.nan, 0.002]])
@@ -91,6 +96,20 @@ def test_an_object_must_hang_for_two_seconds_at_the_end(judge: HangingJudge, rea
     success = reason.startswith("hangs")
 
     assert verdict(make_report(Phase.DONE, judge=judge)) == (success, f"the mug {reason}")
+
+
+def test_a_success_with_lost_tracks_says_so() -> None:
+    report = make_report(Phase.DONE)
+    report.recorder.losses = TrackingLosses(losses=1, duration=7.5, searches=9)
+
+    dut = summarize(report, OutputPaths())
+
+    assert dut.success
+    assert dut.closing_line().startswith(
+        "SUCCESS: the mug hangs on the rack (for 5.0 s so far); tracks were lost once, "
+        "for 7.5 s in all, and the part was searched for again 9 times; "
+    )
+    assert dut.figures["tracks_lost_time_s"] == 7.5
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.run.task_success import HangingJudge, TouchedGeometries
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.diagrams.scenario.models import CollisionGeometries
+from poil_drake.diagrams.scenario.model_parts import CollisionGeometries
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, Station
 

@@ -11,12 +11,13 @@ from short_skill import POINTS, short_plan, short_scenario
 from station_state import GetObjectPose, SetObjectPose
 
 from poil_drake.diagrams.loop.closed_loop import ClosedLoop, MakeClosedLoop
-from poil_drake.diagrams.run.recorder import CheckedTrack, RunRecorder
+from poil_drake.diagrams.run.recorder import CheckedTrack, RunRecorder, Sample, TrackingLosses
 from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.station.station import SimulatedStation
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.systems.skill.phases import Fault, Phase
 from poil_drake.systems.skill.state_machine import SkillState
+from poil_drake.systems.statuses import TrackerStatus
 
 PERIOD = 1 / 32
 
@@ -60,6 +61,19 @@ def test_each_signal_has_a_row_for_each_sample(dut: RunRecorder, simulator: Simu
     # The points are unknown before the first track is released, at 3/16 s.
     assert np.isnan(dut.signal("points")[:7]).all()
     assert np.isfinite(dut.signal("points")[7:]).all()
+
+
+def test_lost_tracks_are_counted_until_the_release(dut: RunRecorder) -> None:
+    lost, tracking = TrackerStatus.LOST, TrackerStatus.TRACKING
+    statuses = [TrackerStatus.WAITING, tracking, lost, lost, tracking, lost, tracking, lost]
+    phases = [Phase.WAIT, *[Phase.FOLLOW] * 6, Phase.RELEASE]
+    for k, (status, phase) in enumerate(zip(statuses, phases, strict=True)):
+        values = {"tracker_status": status, "phase": phase, "detect_request": min(k, 2)}
+        sampled = {name: np.array([float(value)]) for name, value in values.items()}
+        dut.samples.append(Sample(0.25 * k, sampled))
+
+    # Samples 2, 3 and 5; the last is after the release.
+    assert dut.tracking_losses() == TrackingLosses(losses=2, duration=0.75, searches=2)
 
 
 def test_later_motion_does_not_change_samples(dut: RunRecorder, simulator: Simulator) -> None:

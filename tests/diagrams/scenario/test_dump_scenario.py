@@ -58,6 +58,15 @@ def test_choices_are_dumped(tmp_path: Path) -> None:
     assert dut.cameras["left"].renderer_class.backend == "EGL"
 
 
+def test_the_order_of_cameras_is_kept(tmp_path: Path) -> None:
+    scenario = ChooseScenario()
+    cameras = {name: scenario.cameras[name] for name in ("right", "left")}
+
+    dut = again(dataclasses.replace(scenario, cameras=cameras), tmp_path)
+
+    assert list(dut.cameras) == ["right", "left"]
+
+
 def test_the_source_of_a_scenario_is_known(tmp_path: Path) -> None:
     file = default_scenario_file()
     in_code = again(dataclasses.replace(Scenario(), random_seed=4), tmp_path)

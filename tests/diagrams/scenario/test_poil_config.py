@@ -3,6 +3,7 @@ import time
 
 import pytest
 
+from poil_drake.diagrams.run.planning import _planner_config
 from poil_drake.diagrams.scenario.hardware_config import HardwareConfig
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.poil_config import Rates
@@ -32,14 +33,31 @@ def test_values_out_of_range_are_named(field: str, value: float) -> None:
         ("hardware: {channels: {status: ''}}", "status is '', which is not a valid LCM channel"),
         (f"hardware: {{channels: {{command: {'A' * 64}}}}}", "channels.command is 'AAA"),
         ("hardware: {channels: {status: A, command: A}}", "channels.command and .status are both"),
-        (f"hardware: {{cameras: {{a: !LcmImages {{channel: {'A' * 64}}}}}}}", "LcmImages.channel"),
+        (f"hardware: {{cameras: {{a: !LcmImages {{channel: {'A' * 64}}}}}}}", "a.channel is 'AAA"),
         ("hardware: {command_expiry: 0.05}", "stall_limit is 0.08 s, not less .*expiry, 0.05 s"),
         ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05 m, but"),
+        ("safety: {stall_limit: -1}", "^poil.safety.stall_limit is -1"),
+        ("grasp: {seed_points: 0}", "^poil.grasp.seed_points is 0"),
+        ("grasp: {approach_angle: 90}", "approach_angle is 90.0 rad.* at most 1.57"),
+        ("clearance: {robot_margin: -0.01}", "^poil.clearance.robot_margin is -0.01"),
+        ("fusion: {mask: {erosion: -1}}", "^poil.fusion.mask.erosion is -1"),
+        ("fusion: {mask: {max_depth: 0.05}}", "max_depth is 0.05 m, not more than min_depth"),
+        ("clearance: {ground_height: 0.1}", "'ground_height' in 'poil.clearance' is not known"),
     ],
 )
 def test_contradictory_settings_are_refused(text: str, says: str) -> None:
     with pytest.raises(PoilError, match=says):
         ChooseScenario(data=f"{{poil: {{{text}}}}}")
+
+
+def test_settings_of_grasps_and_clearances_reach_the_planner() -> None:
+    text = "grasp: {seed_points: 9}, clearance: {object_margin: 0.001}, table_height: 0.1"
+
+    dut = _planner_config(ChooseScenario(data=f"{{poil: {{{text}}}}}").poil)
+
+    assert dut.sampling.seed_points == 9
+    assert dut.feasibility.collision.object_margin == 0.001
+    assert dut.feasibility.collision.ground_height == 0.1
 
 
 def test_the_same_table_height_can_be_given_twice() -> None:

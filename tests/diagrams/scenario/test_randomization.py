@@ -100,3 +100,30 @@ def test_ranges_need_an_object_with_one_deterministic_pose(name: str, pose: str,
 
     with pytest.raises(ScenarioError, match=says):
         ApplyRandomization(ChooseScenario(data=text), 1)
+
+
+KITCHEN = """
+directives:
+- add_model:
+    name: kitchen
+    file: package://a/kitchen.xml
+    default_free_body_pose: {rack: {translation: [0, 1, 0]}, cup: {translation: [2, 0, 0.1]}}
+"""
+
+
+def test_only_the_object_of_a_larger_model_moves() -> None:
+    poil = "poil: {object: 'kitchen::cup', randomization: {models: [], x: [0.5, 0.5], y: []}}"
+    scenario = ChooseScenario(data=f"{KITCHEN}\n{poil}")
+
+    [directive] = ApplyRandomization(scenario, 1).directives
+
+    poses = directive.add_model.default_free_body_pose
+    np.testing.assert_allclose(poses["rack"].translation, [0.0, 1.0, 0.0])
+    np.testing.assert_allclose(poses["cup"].translation[[0, 2]], [0.5, 0.1])
+
+
+def test_the_file_of_a_larger_model_is_not_replaced() -> None:
+    poil = "poil: {object: 'kitchen::cup', randomization: {models: ['package://a/mug.sdf']}}"
+
+    with pytest.raises(ScenarioError, match=r"cannot replace 'kitchen::cup'.*model 'kitchen'"):
+        ApplyRandomization(ChooseScenario(data=f"{KITCHEN}\n{poil}"), 1)

@@ -138,7 +138,10 @@ def test_a_wrong_robot_is_refused() -> None:
         ("{initial_position: {pandy: {panda_joint1: [0]}}}", "pandy"),
         ("{initial_position: {panda: {panda_joint1: [1, 2]}}}", r"positions in the input \(2\)"),
         # Degrees where radians are expected.
-        ("{initial_position: {panda: {panda_joint6: [92]}}}", r"_joint6 is \[92.0\], beyond.*rad"),
+        (
+            "{initial_position: {panda: {panda_joint6: [92]}}}",
+            "_joint6' of 'panda' starts at 92 rad, beyond",
+        ),
         ("{poil: {fixture: rak}}", "poil.fixture is 'rak'.*table, rack, panda, mug"),
         (
             "{poil: {demonstration_motion: {hanging: {rod: hook}}}}",
@@ -175,7 +178,7 @@ def test_an_object_that_is_welded_is_refused() -> None:
     scenario = ChooseScenario()
     weld = "directives: [{add_weld: {parent: world, child: 'mug::body'}}]"
     scenario.directives.extend(LoadScenario(data=weld).directives)
-    del scenario.directives[-2].add_model.default_free_body_pose["body"]
+    scenario.directives[-2].add_model.default_free_body_pose = {}
 
     with pytest.raises(ScenarioError, match="'mug' is welded"):
         MakeStation(scenario, cameras=False)
@@ -201,8 +204,6 @@ def test_a_joint_may_be_given_as_a_plain_number() -> None:
         ("renderer_name: ''", "cameras.left cannot be used: .*renderer_name"),
         ("X_PB: { base_frame: celing }", r"cameras.left.X_PB cannot be used: .*'celing'"),
         ("X_PB: { rotation: !Uniform {} }", r"cameras.left.X_PB cannot be used: Drake requires"),
-        ("X_PB: { translation: [.inf, 0, 0] }", r"cameras.left.X_PB is not finite"),
-        ("X_BD: { translation: [.inf, 0, 0] }", r"cameras.left.X_BD is not finite"),
         ("X_PB: { base_frame: 'panda::panda_hand' }", "'panda::panda_hand', which moves"),
         ("X_PB: { base_frame: 'mug::body' }", "'mug::body', which moves"),
         ("name: right", "under the key 'left' is named 'right'"),

@@ -117,7 +117,7 @@ def test_depth_beside_colour_is_registered_to_it(
     assert np.mean(both[wanted > 0.0]) > 0.9
     # One pixel is 3 mm of depth on the table's far end; silhouettes are off by a pixel.
     assert np.quantile(np.abs(got - wanted)[both], 0.95) < 3e-3
-    np.testing.assert_array_equal(rendered[0].depth, got)
+    np.testing.assert_array_equal(rendered["left"].depth, got)
 
 
 def test_labels_are_rendered_only_on_request(station: Station, context: Context) -> None:

@@ -32,6 +32,7 @@ def write_log(folder: Path, *, labelled: Sequence[int]) -> str:
     config = RunLogConfig(color=ColorEncoding(format="raw"))
     with RunLogWriter(path, config=config) as writer:
         writer.write_calibration(CAMERA, time=10.0)
+        writer.write_label_ids({"mug": [1]})
         for k in range(COUNT):
             time = 10.0 + k * PERIOD
             writer.write_image("left", np.full((*SIZE, 3), k + 1, np.uint8), time=time)
@@ -95,9 +96,14 @@ def test_the_end_of_the_file_is_reported(log: str, clock: SettableClock) -> None
         dut.read()
 
 
-def test_recorded_labels_are_delivered(tmp_path: Path, clock: SettableClock) -> None:
+@pytest.mark.parametrize("own_number", [None, 7])
+def test_recorded_labels_are_delivered(
+    own_number: int | None, tmp_path: Path, clock: SettableClock
+) -> None:
     log = write_log(tmp_path, labelled=(0,))
-    dut = CameraPlayback(McapPlayback(file=log, labels=True), camera=CAMERA, clock=clock)
+    label_ids = {"mug": [own_number]} if own_number else None
+    config = McapPlayback(file=log, labels=True)
+    dut = CameraPlayback(config, camera=CAMERA, clock=clock, label_ids=label_ids)
     dut.open()
 
     labels = []
@@ -107,7 +113,7 @@ def test_recorded_labels_are_delivered(tmp_path: Path, clock: SettableClock) -> 
         assert image is not None
         labels.append(image.label)
 
-    np.testing.assert_array_equal(labels[0], np.ones(SIZE, np.int16))
+    np.testing.assert_array_equal(labels[0], np.full(SIZE, own_number or 1, np.int16))
     assert labels[1] is None
 
 

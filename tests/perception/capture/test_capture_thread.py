@@ -6,7 +6,7 @@ from capture_bench import SIZE, TIMEOUT, ScriptedDevice, image
 
 from poil_drake.errors import CaptureError, NoImageError, NoMoreImagesError
 from poil_drake.perception.capture import capture_thread
-from poil_drake.perception.capture.capture_thread import CaptureThread
+from poil_drake.perception.capture.capture_thread import CaptureThread, camera_problems
 from poil_drake.perception.images import RgbdImage
 
 GARBAGE = NoImageError("Camera 'left' delivers garbage.", remedy="Keep others off.")
@@ -216,3 +216,21 @@ def test_close_does_not_wait_for_a_thread_that_hangs_in_its_device(
     (thread,) = [t for t in threading.enumerate() if t.name == "capture_left"]
     thread.join(TIMEOUT)
     assert device.closed == 1
+
+
+@pytest.mark.parametrize(
+    ("age", "problem"),
+    [
+        (0.2, []),
+        (0.8, ["no new image for 0.8 s"]),
+        (3600.0, ["its newest image is stamped 3600 s in the past: are the clocks synchronized?"]),
+        (-2.0, ["its images are stamped 2.00 s in the future: are the clocks synchronized?"]),
+    ],
+)
+def test_images_of_another_clock_are_named(
+    device: ScriptedDevice, age: float, problem: list[str]
+) -> None:
+    dut = make(device)
+    dut.newest = image(stamp=5000.0)
+
+    assert camera_problems({"left": dut}, now=5000.0 + age, oldest=0.5) == {"left": problem}

@@ -57,6 +57,20 @@ def test_depth_with_its_own_calibration_is_registered_to_colour(foreign):
     assert np.abs(dut[1].depth - wanted).max() <= 0.5e-3 + 1e-6
 
 
+def test_registered_depth_may_have_a_calibration(foreign):
+    def extra(writer):
+        for name, message in foreign.calibrations.items():
+            topic = f"/camera/{name}/depth_calibration"
+            writer.write_message(topic, message, log_time=0, publish_time=0)
+
+    image = foreign.load(extra).frames[2].images[0]
+
+    # A hole in it is not filled.
+    wanted = foreign.image(2, stamp=0.0).depth
+    np.testing.assert_array_equal(image.depth == 0.0, wanted == 0.0)
+    assert np.abs(image.depth - wanted).max() <= 0.5e-3 + 1e-6
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -1,18 +1,19 @@
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pytest
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 from system_bench import SystemBench
 
-from poil_drake.errors import StationError
+from poil_drake.errors import InvalidValueError, StationError
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
 
 PERIOD = 1 / 8
 AFTER = 1 / 1024  # Long enough after an event to see its effect.
 W, H = 4, 3
+VIEWS = {"left": 0, "right": 1, "top": 2}
 CAMERAS = [
     CameraModel(name, W, H, np.diag([5.0, 5.0, 1.0]), np.eye(4)) for name in ("left", "right")
 ]
@@ -32,27 +33,32 @@ class Moving(LeafSystem):
 
 
 class Painter:
-    """A renderer whose images show its arguments: depth is 1 m + position + view."""
+    """A renderer whose images show its arguments: depth is 1 m + position + view.
 
-    def __init__(self) -> None:
+    It answers in another order than that of the cameras.
+    """
+
+    def __init__(self, names: Sequence[str] = ("right", "left")) -> None:
+        self.names = names
         self.threads: set[int] = set()
         self.labels_of: list[float] = []
 
-    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+    def render(self, positions: np.ndarray, time: float) -> dict[str, RgbdImage]:
         self.threads.add(threading.get_ident())
         assert positions.shape == (2,)
-        return tuple(
-            RgbdImage(
+        return {
+            name: RgbdImage(
                 rgb=np.full((H, W, 3), 10 + view, np.uint8),
                 depth=np.full((H, W), 1.0 + positions[0] + view, np.float32),
                 stamp=time,
             )
-            for view in range(2)
-        )
+            for name in self.names
+            for view in [VIEWS[name]]
+        }
 
-    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
+    def render_labels(self, positions: np.ndarray, time: float) -> dict[str, np.ndarray]:
         self.labels_of.append(time)
-        return tuple(np.full((H, W), 5 + view, np.int16) for view in range(2))
+        return {name: np.full((H, W), 5 + VIEWS[name], np.int16) for name in self.names}
 
 
 def make_bench(
@@ -110,6 +116,15 @@ def test_images_show_the_time_of_their_capture(bench: SystemBench) -> None:
         assert (rgba[..., :3] == 10 + view).all()
         assert (rgba[..., 3] == 255).all()
         assert (bench.read(f"{camera}.label_image") == 5 + view).all()
+
+
+@pytest.mark.parametrize("names", [("left",), ("left", "right", "top"), ("left", "top")])
+def test_images_of_other_cameras_are_refused(names: tuple[str, ...]) -> None:
+    bench = make_bench(delay=1 / 16, painter=Painter(names))
+
+    with pytest.raises(InvalidValueError, match="but the cameras are 'left', 'right'"):
+        bench.advance_to(PERIOD)
+    bench.dut.close()
 
 
 def test_labels_of_the_shown_images_are_rendered_only_when_evaluated(

@@ -26,15 +26,17 @@ class Renderer:
         self.go.set()
         self.scenes: list[float] = []
 
-    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+    def render(self, positions: np.ndarray, time: float) -> dict[str, RgbdImage]:
         self.begun.set()
         self.go.wait()
         self.scenes.append(time)
         rgb = np.full((H, W, 3), int(positions[0]), np.uint8)
-        return (RgbdImage(rgb=rgb, depth=np.ones((H, W), np.float32), stamp=time),)
+        image = RgbdImage(rgb=rgb, depth=np.ones((H, W), np.float32), stamp=time)
+        other = RgbdImage(rgb=0 * rgb, depth=image.depth, stamp=time)
+        return {"another": other, "left": image}
 
-    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
-        return (np.full((H, W), 5, np.int16),)
+    def render_labels(self, positions: np.ndarray, time: float) -> dict[str, np.ndarray]:
+        return {name: np.full((H, W), 5, np.int16) for name in ("another", "left")}
 
 
 class FeedBench(SystemBench):
@@ -45,7 +47,7 @@ class FeedBench(SystemBench):
         self.renderer = Renderer()
         dut = LcmCameraFeed(
             renderer=self.renderer,
-            channels={"left": "LEFT"},
+            channels={"left": "LEFT", "another": "ANOTHER"},
             url=url,
             num_positions=2,
             num_velocities=1,
@@ -105,7 +107,7 @@ def test_captures_are_skipped_while_images_are_rendered(bench: FeedBench) -> Non
 
 
 def test_an_error_of_the_renderer_ends_the_simulation(bench: FeedBench) -> None:
-    def fail(positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+    def fail(positions: np.ndarray, time: float) -> dict[str, RgbdImage]:
         raise ZeroDivisionError
 
     bench.renderer.render = fail  # type: ignore[method-assign]
@@ -120,9 +122,9 @@ def test_an_error_of_the_renderer_ends_the_simulation(bench: FeedBench) -> None:
         render_and_capture_again()
 
 
-def message(stamp: float) -> bytes:
+def message(stamp: float, camera: str = "left") -> bytes:
     rgb, depth = np.zeros((H, W, 3), np.uint8), np.ones((H, W), np.float32)
-    return encode_images(RgbdImage(rgb, depth, stamp), camera="left")
+    return encode_images(RgbdImage(rgb, depth, stamp), camera=camera)
 
 
 @pytest.fixture
@@ -133,7 +135,7 @@ def url() -> str:
 @pytest.fixture
 def dut(url: str, monkeypatch: pytest.MonkeyPatch) -> LcmImageDevice:
     monkeypatch.setattr(lcm_cameras, "_PATIENCE", 3_600_000)
-    return LcmImageDevice(url=url, channel="CAMERA", size=(H, W))
+    return LcmImageDevice(url=url, channel="CAMERA", size=(H, W), other_cameras={"right"})
 
 
 def test_images_of_the_channel_are_read(dut: LcmImageDevice, url: str) -> None:
@@ -198,6 +200,14 @@ def test_garbage_is_reported_and_the_next_image_is_read(dut: LcmImageDevice, url
 
     assert found is not None
     assert found.stamp == 2.0
+
+
+def test_images_of_another_camera_are_refused(dut: LcmImageDevice, url: str) -> None:
+    dut.open()
+    DrakeLcm(url).Publish("CAMERA", message(1.0, camera="right"))
+
+    with pytest.raises(NoImageError, match="holds images of 'right'"):
+        dut.read()
 
 
 def test_it_must_be_open_to_be_read(dut: LcmImageDevice) -> None:

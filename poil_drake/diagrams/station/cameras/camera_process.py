@@ -1,7 +1,7 @@
 """Renders a station's cameras in a process separate from the simulation."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,7 @@ class CameraProcess:
         """
         self._ask("warm up")
 
-    def render(self, positions: np.ndarray, time: float) -> tuple[RgbdImage, ...]:
+    def render(self, positions: np.ndarray, time: float) -> Mapping[str, RgbdImage]:
         """See `SceneRenderer.render`.
 
         Raises:
@@ -62,7 +62,7 @@ class CameraProcess:
         """
         return self._ask("render", positions, time)
 
-    def render_labels(self, positions: np.ndarray, time: float) -> tuple[np.ndarray, ...]:
+    def render_labels(self, positions: np.ndarray, time: float) -> Mapping[str, np.ndarray]:
         """See `SceneRenderer.render_labels`.
 
         Raises:

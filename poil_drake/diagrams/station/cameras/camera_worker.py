@@ -30,28 +30,30 @@ class CameraService:
             self._station, self._station.scene_graph(), self._station.camera_names
         )
 
-    def __call__(self, request: tuple[Any, ...]) -> tuple[RgbdImage, ...] | tuple[np.ndarray, ...]:
+    def __call__(self, request: tuple[Any, ...]) -> dict[str, RgbdImage] | dict[str, np.ndarray]:
         """Answers ("warm up",), ("render", positions, time) or ("render labels", positions, time).
 
         See `SceneRenderer` for the positions and the time.
 
         Returns:
-            The image or the label image of each camera; an empty tuple for "warm up".
+            The image or the label image of each camera by its name; nothing for "warm up".
         """
         kind, *scene = request
         if kind == "warm up":
             self._renderer.capture(self._context)
-            return ()
+            return {}
         positions, time = scene
         plant = self._station.plant()
         plant_context = self._station.GetMutableSubsystemContext(plant, self._context)
         plant.SetPositions(plant_context, positions)
         self._context.SetTime(time)
         if kind == "render labels":
-            names = [f"{camera}.label_image" for camera in self._station.camera_names]
-            ports = [self._station.GetOutputPort(name) for name in names]
-            return tuple(port.Eval(self._context).data[:, :, 0] for port in ports)
+            return {name: self._labels(name) for name in self._station.camera_names}
         return self._renderer.capture(self._context)
+
+    def _labels(self, camera: str) -> np.ndarray:
+        port = self._station.GetOutputPort(f"{camera}.label_image")
+        return port.Eval(self._context).data[:, :, 0]
 
 
 if __name__ == "__main__":

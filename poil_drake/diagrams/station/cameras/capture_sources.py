@@ -1,5 +1,6 @@
 """The capture devices of the hardware station's cameras, and the networks they use."""
 
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -66,6 +67,7 @@ def MakeCaptureDevice(
     camera: CameraModel,
     *,
     clock: Clock,
+    label_ids: Mapping[str, Sequence[int]] | None = None,
     every_image: bool = False,
 ) -> CaptureDevice:
     """Returns the device that captures a camera's images.
@@ -75,6 +77,7 @@ def MakeCaptureDevice(
         scenario: Defines the LCM networks.
         camera: The camera's model.
         clock: Returns the current time [s since the epoch].
+        label_ids: The scenario's labels, to which the labels in recordings are translated.
         every_image: Whether a device that is read late delivers every image rather than the newest,
             if it can: LCM images and recordings. Other devices have their own queues.
 
@@ -86,10 +89,13 @@ def MakeCaptureDevice(
             url=BusUrl(scenario, scenario.poil.hardware.image_bus, IMAGE_BUS_URL),
             channel=ImageChannel(source, camera.name),
             size=(camera.height, camera.width),
+            other_cameras=set(scenario.cameras) - {camera.name},
             every_image=every_image,
         )
     if isinstance(source, McapPlayback):
-        return CameraPlayback(source, camera=camera, clock=clock, every_image=every_image)
+        return CameraPlayback(
+            source, camera=camera, clock=clock, label_ids=label_ids, every_image=every_image
+        )
     return make_device(source, camera=camera, clock=clock)
 
 

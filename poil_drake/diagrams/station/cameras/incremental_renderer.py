@@ -45,6 +45,7 @@ class IncrementalRenderer:
             camera_names: Names of the cameras to render.
         """
         self._query = diagram.GetOutputPort("query_object")
+        self._names = tuple(camera_names)
         self._noises = [diagram.GetSubsystemByName(f"depth_noise_{name}") for name in camera_names]
         sensors = [diagram.GetSubsystemByName(f"rgbd_sensor_{name}") for name in camera_names]
         self._colors = [_Picture(s, s.default_color_render_camera()) for s in sensors]
@@ -63,8 +64,8 @@ class IncrementalRenderer:
             self._boxes_G[:] = np.nan  # Encloses everything.
         self._poses = np.full((len(self._geometries), 4, 4), np.nan)
 
-    def capture(self, context: Context) -> tuple[RgbdImage, ...]:
-        """Returns each camera's current image.
+    def capture(self, context: Context) -> dict[str, RgbdImage]:
+        """Returns each camera's current image by the camera's name.
 
         Args:
             context: The diagram's own context.
@@ -82,12 +83,13 @@ class IncrementalRenderer:
             for picture in (*self._colors, *self._depths):
                 picture.update(query, np.concatenate(boxes_W).reshape(-1, 3))
         time = context.get_time()
-        return tuple(
-            copied_image(
+        views = zip(self._names, self._colors, self._depths, self._noises, strict=True)
+        return {
+            name: copied_image(
                 color.pixels, noise.noisy(depth.pixels[:, :, 0], time)[:, :, None], None, stamp=time
             )
-            for color, depth, noise in zip(self._colors, self._depths, self._noises, strict=True)
-        )
+            for name, color, depth, noise in views
+        }
 
 
 class _Picture:

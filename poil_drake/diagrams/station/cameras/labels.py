@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pydrake.geometry import GeometryId, PerceptionProperties, RenderLabel, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 
-from poil_drake.diagrams.scenario.models import (
+from poil_drake.diagrams.scenario.model_parts import (
+    BodiesByModel,
+    GeometryChoices,
     ModelGeometries,
     ModelGeometry,
     PartGeometries,
-    model_names,
 )
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.diagrams.station.cameras.part_regions import SeparateParts
@@ -23,16 +24,17 @@ def AssignLabels(
     scene_graph: SceneGraph,
     parts: Mapping[str, Mapping[str, str | PartRegion]],
 ) -> dict[str, tuple[int, ...]]:
-    """Gives every model instance and every named part its own render label.
+    """Gives every model and every named part its own render label.
 
     Call this before `plant.Finalize()` and before cameras are added.
 
     Args:
         plant: The plant with all models.
         scene_graph: The plant's scene graph.
-        parts: Model instance -> part -> name of the part's link, a regular expression for the
-            whole names of the part's geometries, without the model's scope, or a region of the
-            model's visual meshes. Meshes that reach into a region are split there.
+        parts: Model -> part -> name of the part's link, a regular expression for the whole names of
+            the part's geometries, without the model's scope, or a region of the model's visual
+            meshes. Meshes that reach into a region are split there. See `ModelBodies` for the
+            models.
 
     Returns:
         Name -> labels. "mug" has all labels of the model, and "mug/handle" those of the part.
@@ -42,16 +44,18 @@ def AssignLabels(
     """
     label_ids: dict[str, tuple[int, ...]] = {}
     next_label = 1
-    models = model_names(plant)
+    models = BodiesByModel(plant, parts)
     for unknown in set(parts) - set(models):
         raise ScenarioError(
             f"The scenario names parts of the model '{unknown}', which no directive adds.",
             remedy=f"Choose one of: {', '.join(models)}.",
         )
-    for model in models:
-        patterns = SeparateParts(plant, scene_graph, model, parts.get(model, {}))
+    for model, bodies in models.items():
+        # Sorted, so that the numbers do not depend on the order in which parts are listed.
+        listed = dict(sorted(parts.get(model, {}).items()))
+        patterns = SeparateParts(plant, scene_graph, model, listed)
         inspector = scene_graph.model_inspector()
-        geometries = ModelGeometries(plant, inspector, model, Role.kPerception)
+        geometries = ModelGeometries(plant, inspector, model, Role.kPerception, bodies=bodies)
         assigned = {
             part: _geometries_of_part(geometries, pattern, model=model, part=part)
             for part, pattern in patterns.items()
@@ -94,12 +98,9 @@ def _geometries_of_part(
             remedy="Correct the pattern in poil.parts.",
         ) from error
     if not found:
-        links = ", ".join(sorted({g.link for g in geometries}))
-        names = ", ".join(sorted({g.name for g in geometries}))
         raise ScenarioError(
             f"The part '{part}' of '{model}' was not found: no link is named '{pattern}', and no "
             "geometry's name matches this expression.",
-            remedy=f"Set poil.parts.{part} to one of the links ({links}) or to a regular "
-            f"expression for the geometry names ({names}).",
+            remedy=f"Set poil.parts.{part} to one of {GeometryChoices(geometries)}.",
         )
     return found

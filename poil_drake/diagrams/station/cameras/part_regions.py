@@ -16,7 +16,7 @@ from pydrake.geometry import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 
-from poil_drake.diagrams.scenario.models import ModelGeometries, ModelGeometry
+from poil_drake.diagrams.scenario.model_parts import ModelGeometries, ModelGeometry
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.errors import ScenarioError
 
@@ -38,7 +38,7 @@ def SeparateParts(
     Args:
         plant: The plant, before `Finalize`.
         scene_graph: The plant's scene graph.
-        model: The model instance.
+        model: The model.
         parts: Part -> a link or regular expression, which stays as it is, or a region.
 
     Returns:

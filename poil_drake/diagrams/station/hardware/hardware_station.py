@@ -142,7 +142,9 @@ class HardwareStation(Station):
         for model in self.camera_models:
             source = self._config.cameras.get(model.name, LcmImages())
             size = (model.height, model.width)
-            device = MakeCaptureDevice(source, self.scenario, model, clock=self._clock)
+            device = MakeCaptureDevice(
+                source, self.scenario, model, clock=self._clock, label_ids=self.label_ids
+            )
             self._threads[model.name] = CaptureThread(
                 device, name=model.name, size=size, reopen_period=reopen_period
             )

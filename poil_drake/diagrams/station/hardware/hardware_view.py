@@ -10,11 +10,12 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.rendering import MultibodyPositionToGeometryPose
 from pydrake.visualization import ApplyVisualizationConfig
 
+from poil_drake.diagrams.scenario.model_parts import ModelBodies
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.systems.ik.measured_posture import MeasuredPosture
@@ -62,7 +63,7 @@ def AddHardwareView(
         shown = tuple(preview.GetOutputPort(port) for port in ports)
     builder.AddNamedSystem("scene_graph", scene_graph)
     # The pose of the object is unknown.
-    _hide(plant, scene_graph, [plant.GetModelInstanceByName(scenario.poil.object)])
+    _hide(plant, scene_graph, ModelBodies(plant, scenario.poil.object))
     _pose(builder, "posture", plant, scene_graph, robot, *shown)
     ApplyVisualizationConfig(
         scenario.visualization, builder, plant=plant, scene_graph=scene_graph, meshcat=meshcat
@@ -70,9 +71,9 @@ def AddHardwareView(
     if not dry_run:
         return None
     real_plant, real_scene_graph, _ = MakeUnsimulatedPlant(scenario)
-    models = (ModelInstanceIndex(k) for k in range(real_plant.num_model_instances()))
-    real_robot = real_plant.GetModelInstanceByName(robot)
-    _hide(real_plant, real_scene_graph, [model for model in models if model != real_robot])
+    shown_bodies = ModelBodies(real_plant, robot)
+    others = (BodyIndex(k) for k in range(real_plant.num_bodies()))
+    _hide(real_plant, real_scene_graph, [body for body in others if body not in shown_bodies])
     builder.AddNamedSystem("real_robot_scene", real_scene_graph)
     _pose(builder, "real_posture", real_plant, real_scene_graph, robot, arm, hand)
     MeshcatVisualizer.AddToBuilder(
@@ -109,14 +110,11 @@ def _pose(
     builder.Connect(poses.get_output_port(), pose_port)
 
 
-def _hide(
-    plant: MultibodyPlant, scene_graph: SceneGraph, models: Sequence[ModelInstanceIndex]
-) -> None:
-    """Hides models from visualizers."""
+def _hide(plant: MultibodyPlant, scene_graph: SceneGraph, bodies: Sequence[BodyIndex]) -> None:
+    """Hides bodies from visualizers."""
     inspector = scene_graph.model_inspector()
-    for model in models:
-        for body in plant.GetBodyIndices(model):
-            frame = plant.GetBodyFrameIdOrThrow(body)
-            for role in (Role.kIllustration, Role.kProximity):
-                for geometry in inspector.GetGeometries(frame, role):
-                    scene_graph.RemoveRole(plant.get_source_id(), geometry, role)
+    for body in bodies:
+        frame = plant.GetBodyFrameIdOrThrow(body)
+        for role in (Role.kIllustration, Role.kProximity):
+            for geometry in inspector.GetGeometries(frame, role):
+                scene_graph.RemoveRole(plant.get_source_id(), geometry, role)

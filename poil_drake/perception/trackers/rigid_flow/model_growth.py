@@ -42,7 +42,7 @@ _SURROUNDINGS = 4  # known surface kept around new [px]: borders must not look l
 _DISTANCE = 0.02  # how far from the known surface new points may lie in space [m]
 _KNOWN_ERROR = 0.006  # depth measured within this of the model is known surface [m]
 _MIN_COSINE = 0.4  # between the new surface and the line of sight
-_MAX_POINTS = 7000  # of the model
+_MAX_POINTS, _MAX_GROWTH = 7000, 2.5  # of the model, or times the points of the first frame
 _PATCHES_PER_VIEW = 12  # texture patches taken from one view at a time
 _TRUST = 0.2  # of new points and patches: those that join together share one pose error
 
@@ -87,6 +87,8 @@ def grow_model(
         config: Parameters.
     """
     surface, patches = model.surface, model.patches
+    # The first frame may show more points of a large object.
+    limit = max(_MAX_POINTS, int(_MAX_GROWTH * np.count_nonzero(surface.trust == 1.0)))
     tree = cKDTree(surface.points)
     for window in windows:
         view = window.at(X_WO)
@@ -109,7 +111,7 @@ def grow_model(
             color_features(seen.colors[new[allowed]]),
             _TRUST,
         )
-        surface = surface.joined(joining, _MAX_POINTS)
+        surface = surface.joined(joining, limit)
         known_normals = view_normals(window, known)
         usable = known & np.isfinite(known_normals[..., 0])
         usable &= ~_near_patches(model, view)

@@ -1,5 +1,6 @@
 """Images that a separate process renders."""
 
+import copy
 import os
 import signal
 from collections.abc import Sequence
@@ -51,14 +52,27 @@ def test_the_first_pictures_are_those_of_the_station_itself_to_the_last_bit(
         images, labels = dut.render(positions, 0.375), dut.render_labels(positions, 0.375)
 
     expected = CaptureFrame(station, context, labels=True).images
-    labelled = [replace(i, label=n) for i, n in zip(images, labels, strict=True)]
-    require_equal(labelled, expected)
-    assert [image.stamp for image in images] == [0.375, 0.375]
+    names = station.camera_names
+    require_equal([replace(images[n], label=labels[n]) for n in names], expected)
+    assert [images[name].stamp for name in names] == [0.375, 0.375]
 
 
-def test_a_station_whose_cameras_delay_takes_the_same_pictures(drawn: Scenario) -> None:
-    delayed = MakeStation(drawn)
-    prompt = MakeStation(drawn, ignore_output_delay=True)
+def with_three_cameras(scenario: Scenario) -> Scenario:
+    """Returns the scenario with three cameras whose names are not in alphabetical order."""
+    cameras = {name: scenario.cameras[name] for name in ("right", "left")}
+    top = copy.copy(scenario.cameras["left"])
+    top.name, top.X_PB = "above", scenario.cameras["right"].X_PB
+    poil = replace(scenario.poil, parts={"handle": "handle", "bowl": "body"})
+    return replace(scenario, cameras={**cameras, "above": top}, poil=poil)
+
+
+@pytest.mark.parametrize("order", ["left, right", "right, left", "right, left, above"])
+def test_a_station_whose_cameras_delay_takes_the_same_pictures(order: str, drawn: Scenario) -> None:
+    known = with_three_cameras(drawn)
+    names = order.split(", ")
+    scenario = replace(known, cameras={name: known.cameras[name] for name in names})
+    delayed = MakeStation(scenario)
+    prompt = MakeStation(scenario, ignore_output_delay=True)
 
     frames = [
         CaptureFrame(station, station.CreateDefaultContext(), labels=True)

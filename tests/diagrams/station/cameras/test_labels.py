@@ -4,7 +4,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from poil_drake.diagrams.scenario.models import ModelGeometries
+from poil_drake.diagrams.scenario.model_parts import ModelGeometries
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.errors import ScenarioError
 
@@ -55,6 +55,12 @@ def test_parts_are_found_by_link_and_by_geometry_name(scene: Scene) -> None:
     assert drawn["grip_1"] == drawn["grip_2"] == dut["a::pan/grip"][0]
     assert set(drawn.values()) == set(dut["a::pan"])
     assert len(dut["a::pan"]) == 3
+
+
+def test_the_order_of_parts_does_not_matter(scene: Scene) -> None:
+    dut = scene.assign({"a::pan": {"lid": "lid", "grip": "grip_[0-9]"}})
+
+    assert dut == Scene().assign({"a::pan": {"grip": "grip_[0-9]", "lid": "lid"}})
 
 
 def test_every_model_has_labels_of_its_own(scene: Scene) -> None:

@@ -1,0 +1,96 @@
+"""Checks that a simulated demonstration is possible, and that its cameras see the part."""
+
+import numpy as np
+
+from poil_drake.diagrams.demonstration.motion import KeyframeMotion
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.errors import DetectionError, ScenarioError, TransferError
+from poil_drake.geometry.depth_image import pixel_size
+from poil_drake.perception.detectors import LabelImageDetector
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.transfer.part_points import sample_part_points, view_part
+
+_TOLERANCE = 0.005
+"""How deep the object may be inside another, or how far above its support it may start [m]."""
+
+
+def CheckMotion(
+    scene: DemonstrationScene, motion: KeyframeMotion, times: np.ndarray, poil: PoilConfig
+) -> None:
+    """Checks that the object starts standing on something, and goes through nothing.
+
+    Later, the object may be inside the fixture, and at any time inside a mesh of the fixture: their
+    meshes count as convex hulls, which have no openings.
+
+    Args:
+        scene: The scene.
+        motion: The object's motion.
+        times: (T,) times to check [s], the first of them 0.
+        poil: Names the keys to change.
+
+    Raises:
+        ScenarioError: if the object starts in the air or inside another, or moves through another.
+    """
+    if not scene.has_collision_geometry:
+        return
+    if poil.demonstration_motion.keyframes:
+        remedy = "Change poil.demonstration_motion.keyframes."
+    else:
+        remedy = (
+            "Set poil.table_height to the height of the surface on which objects stand, and "
+            "poil.demonstration_motion.hanging.start to a free place on it."
+        )
+    lowered = motion.pose(0.0)
+    lowered[2, 3] -= _TOLERANCE
+    if not scene.penetrations(lowered):
+        raise ScenarioError(
+            f"The demonstration's object starts in the air, with its frame at "
+            f"{_text(motion.pose(0.0))}: nothing is within {1000 * _TOLERANCE:.0f} mm below it.",
+            remedy=remedy,
+        )
+    for time in times.tolist():
+        for found in scene.penetrations(motion.pose(time)):
+            may_hang = found.model == scene.fixture_name and (time > 0.0 or found.is_mesh)
+            if found.depth <= _TOLERANCE or may_hang:
+                continue
+            raise ScenarioError(
+                f"The demonstration's object is inside '{found.model}::{found.name}' "
+                f"{f'{time:.2f} s after its start' if time else 'at its start'}, with its frame at "
+                f"{_text(motion.pose(time))}.",
+                remedy=remedy,
+            )
+
+
+def CheckView(frame: MultiViewFrame, poil: PoilConfig) -> None:
+    """Checks that a demonstration's first frame, with labels, shows enough of the part.
+
+    Raises:
+        ScenarioError: if it shows too little, or if its pixels are too coarse.
+    """
+    detector = LabelImageDetector()
+    try:
+        view = view_part(frame, detector=detector, object_label=poil.object, part_label=poil.part)
+        sample_part_points(view.part, poil.num_points)
+    except (DetectionError, TransferError) as error:
+        ids = frame.label_ids[poil.object]
+        sizes = [
+            pixel_size(np.isin(image.label, ids), image.depth, camera.K)
+            for camera, image in zip(frame.cameras, frame.images, strict=True)
+            if image.label is not None
+        ]
+        seen = [
+            f"'{camera.name}' ({1000 * size:.1f} mm for each pixel)"
+            for camera, size in zip(frame.cameras, sizes, strict=True)
+            if np.isfinite(size)
+        ]
+        raise ScenarioError(
+            f"The cameras show too little of the part '{poil.part}' in the demonstration's first "
+            f"frame. {error.problem} These cameras see the object: {', '.join(seen) or 'none'}.",
+            remedy="Turn or move the object by poil.demonstration_motion, move a camera (X_PB), or "
+            "give the cameras more pixels (width and height).",
+        ) from error
+
+
+def _text(pose: np.ndarray) -> str:
+    return f"({', '.join(f'{x:.3f}' for x in pose[:3, 3])}) m"
