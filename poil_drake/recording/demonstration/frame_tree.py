@@ -77,9 +77,7 @@ class FrameTree:
         link.poses.append(X_PC)
         self._tracks.pop(child, None)
 
-    def add_message(
-        self, transform: FrameTransform, *, log_time: int, static: bool = False
-    ) -> None:
+    def add_message(self, transform: FrameTransform, *, log_time: int, static: bool) -> None:
         """Adds the pose in a message; see `add`.
 
         Raises:
