@@ -68,8 +68,8 @@ class LabelImageDetector:
                 f"The detector 'label_image' needs render labels, but {count} of "
                 f"{len(frame.images)} images have labels, and `label_ids` has "
                 f"{len(frame.label_ids)} names.",
-                remedy="Use a simulation, or a recording with the topics /camera/<name>/label and "
-                "the metadata 'label_ids'.",
+                remedy="Use a simulation, or a recording with the metadata 'label_ids' and a topic "
+                "/camera/<name>/label with an image at most 1 s from the first complete frame.",
             )
         object_ids = _ids(frame, object_label)
         part_ids = _ids(frame, f"{object_label}/{part_label}")

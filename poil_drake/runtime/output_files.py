@@ -20,13 +20,14 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
 
     Args:
         path: The output.
-        inputs: Files that the output must not overwrite; None entries are ignored.
+        inputs: Files that the output must not overwrite, and folders in which it must not be; None
+            entries are ignored.
 
     Raises:
-        OutputError: if the file cannot be written, or is one of the inputs.
+        OutputError: if the file cannot be written, or is one of the inputs or in one.
     """
     for given in inputs:
-        if given and path.resolve() == Path(given).resolve():
+        if given and path.resolve().is_relative_to(Path(given).resolve()):
             raise OutputError(
                 f"The output '{path}' would overwrite the input '{given}'.",
                 remedy="Choose another output file.",

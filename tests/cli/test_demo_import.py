@@ -47,6 +47,26 @@ def test_topics_and_labels_can_be_named(command: Command, bag: str) -> None:
     assert "/right/color/camera_info, for the depth of camera 'left', holds" in dut.error
 
 
+@pytest.mark.parametrize("output", ["bag", "bag/bag_0.mcap", "bag/new.mcap"])
+def test_the_bag_is_never_overwritten(command: Command, bag: str, output: str) -> None:
+    dut = command("demo", "import", bag, "-o", output, *CAMERAS)
+
+    assert dut.status == 1
+    assert f"The output '{output}' would overwrite the input 'bag'" in dut.error
+    assert command("demo", "import", bag, "-o", "demo.mcap", *CAMERAS).status == 0
+
+
+@pytest.mark.parametrize("part", [("--start", "20"), ("--end", "-1"), ("--start", "nan")])
+def test_a_part_without_images_is_refused(
+    command: Command, bag: str, part: tuple[str, str]
+) -> None:
+    dut = command("demo", "import", bag, "-o", "demo.mcap", *CAMERAS, *part)
+
+    assert dut.status == 1
+    assert "no image of topic /left/color/image_raw was logged from" in dut.error
+    assert "--start and --end" in dut.error
+
+
 @pytest.mark.render
 def test_the_poses_can_be_those_of_a_scenario(command: Command, bag: str) -> None:
     scenario = str(default_scenario_file())

@@ -26,6 +26,8 @@ MIN_FRAMES = 2
 MAX_MISSING_END = 0.5
 """The end of the demonstration shows the goal, so nothing may stop much before the rest [s]."""
 
+_LONGEST_END = 1.0  # [s] from the last frame in which no image is missing to the end
+
 # In the name of the frame of depth that the driver of a RealSense has registered to colour.
 _REALSENSE_REGISTERED = "aligned_depth_to_color"
 
@@ -101,11 +103,20 @@ def _registered(frames: FrameTree, color_frame: str, depth_frame: str) -> bool:
     return np.allclose(X_CD, np.eye(4), rtol=0.0, atol=1e-6)
 
 
-def check_end(path: Path, cameras: Mapping[str, CameraContents]) -> None:
-    """Raises a DemonstrationError if a topic ends `MAX_MISSING_END` before the last one."""
-    ends = {
-        topic: to_seconds(stream[-1].stamp) for topic, stream in color_and_depth(cameras).items()
-    }
+def check_end(path: Path, cameras: Mapping[str, CameraContents], rows: np.ndarray) -> None:
+    """Checks that all topics and the last frame reach the end.
+
+    Args:
+        path: The file, for errors.
+        cameras: The cameras.
+        rows: (F, S) indices of each frame's images into the streams of `color_and_depth`.
+
+    Raises:
+        DemonstrationError: if a topic ends `MAX_MISSING_END` before the last one, or the last frame
+            is `_LONGEST_END` before the end.
+    """
+    streams = color_and_depth(cameras)
+    ends = {topic: to_seconds(stream[-1].stamp) for topic, stream in streams.items()}
     end = max(ends.values())
     for topic, last in ends.items():
         if end - last > MAX_MISSING_END:
@@ -114,6 +125,16 @@ def check_end(path: Path, cameras: Mapping[str, CameraContents]) -> None:
                 remedy="Record all cameras until the end, which shows the goal. If the cameras' "
                 "clocks differ, correct the timestamps.",
             )
+    if not len(rows):
+        return
+    last = max(s[i].stamp for s, i in zip(streams.values(), rows[-1], strict=True))
+    if end - to_seconds(last) > _LONGEST_END:
+        raise DemonstrationError(
+            f"{path}: in the last {end - to_seconds(last):.2f} s, the topics {', '.join(ends)} "
+            "have no images of the same time.",
+            remedy="Record with fewer or smaller images, so that none are dropped. The end of the "
+            "recording shows the goal.",
+        )
 
 
 def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:

@@ -24,8 +24,6 @@ from poil_drake.recording.demonstration.stored_images import StoredImage
 from poil_drake.recording.mcap.message_decoders import (
     Calibration,
     decode_calibration,
-    decode_transform,
-    frame_name,
 )
 from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.sink import METADATA_RECORD
@@ -89,12 +87,9 @@ class Contents:
         if scanned.message_type(FrameTransform, FrameTransforms):
             message = scanned.decode(FrameTransform, FrameTransforms)
             for transform in getattr(message, "transforms", [message]):
-                self.frames.add(
-                    parent=frame_name(transform.parent_frame_id),
-                    child=frame_name(transform.child_frame_id),
-                    stamp=get_timestamp(transform, default=0),
+                self.frames.add_message(
+                    transform,
                     log_time=scanned.log_time,
-                    X_PC=decode_transform(transform),
                     static=scanned.topic == STATIC_TRANSFORM_TOPIC,
                 )
             return

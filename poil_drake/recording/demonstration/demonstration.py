@@ -19,9 +19,7 @@ from poil_drake.recording.demonstration.completeness_checks import (
 )
 from poil_drake.recording.demonstration.contents import Contents, collect
 from poil_drake.recording.demonstration.frame_grouping import group_by_stamp, median_period
-from poil_drake.recording.demonstration.layout import (
-    parse_label_ids,
-)
+from poil_drake.recording.demonstration.layout import parse_label_ids
 from poil_drake.recording.demonstration.stamp_checks import color_and_depth, settle_stamps
 from poil_drake.recording.demonstration.stored_images import (
     RecordedFrames,
@@ -115,10 +113,10 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
         check_camera(path, contents, name)
     cameras_used = {name: contents.cameras[name] for name in names}
     settle_stamps(path, contents.frames, cameras_used)
-    check_end(path, cameras_used)
+    rows = group_by_stamp([_stamps(s) for s in color_and_depth(cameras_used).values()])
+    check_end(path, cameras_used, rows)
     base = base_frame(path, contents, names)
-    streams = [_stamps(images) for images in color_and_depth(cameras_used).values()]
-    rows = _with_poses(path, contents, names, base=base, rows=group_by_stamp(streams))
+    rows = _with_poses(path, contents, names, base=base, rows=rows)
     try:
         views = [
             _views(contents, name, base, rows[:, 2 * i : 2 * i + 2]) for i, name in enumerate(names)

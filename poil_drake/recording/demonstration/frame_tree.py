@@ -1,13 +1,20 @@
 """Frames, and the recorded transforms between them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.rigid_transform import interpolate_poses, inverse
 from poil_drake.recording.demonstration.layout import STATIC_TRANSFORM_TOPIC
-from poil_drake.recording.mcap.timestamps import NANOSECONDS_PER_SECOND, to_seconds
+from poil_drake.recording.mcap.message_decoders import decode_transform, frame_name
+from poil_drake.recording.mcap.timestamps import (
+    NANOSECONDS_PER_SECOND,
+    get_timestamp,
+    to_seconds,
+)
 
 _LARGEST_GAP = NANOSECONDS_PER_SECOND
 """Longest time between two transforms, [ns], across which a moving frame is interpolated."""
@@ -71,6 +78,23 @@ class FrameTree:
         link.poses.append(X_PC)
         self._tracks.pop(child, None)
 
+    def add_message(
+        self, transform: FrameTransform, *, log_time: int, static: bool = False
+    ) -> None:
+        """Adds the pose in a message; see `add`.
+
+        Raises:
+            InvalidValueError: if the pose or the stamp is invalid.
+        """
+        self.add(
+            parent=frame_name(transform.parent_frame_id),
+            child=frame_name(transform.child_frame_id),
+            stamp=get_timestamp(transform, default=0),
+            X_PC=decode_transform(transform),
+            log_time=log_time,
+            static=static,
+        )
+
     def use_log_times(self) -> None:
         """Uses the times at which the transforms were logged instead of their stamps."""
         self._use_log_times = True
@@ -108,9 +132,8 @@ class FrameTree:
                 f"no transform connects frame '{base}' with frame '{frame}'.",
                 remedy="Record a transform between them.",
             )
-        # A is their nearest common ancestor, which may move.
-        X_AB, X_AF = (self._pose_along(path, stamp) for path in self._paths(base, frame))
-        pose: np.ndarray = inverse(X_AB) @ X_AF
+        to_base, to_frame = self._paths(base, frame)
+        pose: np.ndarray = inverse(self._pose(to_base, stamp)) @ self._pose(to_frame, stamp)
         return pose
 
     def span(self, *, base: str, frame: str) -> tuple[int, int]:
@@ -135,13 +158,11 @@ class FrameTree:
         return chain
 
     def _paths(self, base: str, frame: str) -> tuple[list[str], list[str]]:
-        """Returns `base` and `frame`, each with its ancestors below their nearest common one."""
-        first, second = self._chain(base), self._chain(frame)
-        while min(len(first), len(second)) > 1 and first[-2] == second[-2]:
-            first, second = first[:-1], second[:-1]
-        return first[:-1], second[:-1]
+        """Returns the frames from `base` and from `frame` up to below their common ancestor."""
+        bases, frames = self._chain(base), self._chain(frame)
+        return [f for f in bases if f not in frames], [f for f in frames if f not in bases]
 
-    def _pose_along(self, path: list[str], stamp: int) -> np.ndarray:
+    def _pose(self, path: Sequence[str], stamp: int) -> np.ndarray:
         """Returns the (4, 4) pose of the first frame of a path in the parent of the last [m]."""
         X = np.eye(4)
         for child in path:

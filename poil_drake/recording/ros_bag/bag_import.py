@@ -23,7 +23,7 @@ from poil_drake.recording.mcap.timestamps import to_seconds
 from poil_drake.recording.ros_bag.bag import IMAGES, TRANSFORMS, RosBag
 from poil_drake.recording.ros_bag.converter import BagConverter
 from poil_drake.recording.ros_bag.topic_choice import choose_topics
-from poil_drake.runtime.output_files import whole_file
+from poil_drake.runtime.output_files import require_writable, whole_file
 
 
 class ImportedBag(NamedTuple):
@@ -69,19 +69,22 @@ def import_ros_bag(
 
     Raises:
         DemonstrationError: if the bag is damaged, lacks something, or makes no valid demonstration.
+        OutputError: if the output cannot be written, or is the bag or in its folder.
     """
+    require_writable(Path(output), inputs=(path,))
     world = frame_name(world)
     with RosBag(path) as bag, whole_file(Path(output)) as stream:
         chosen = choose_topics(bag, cameras, topics or {})
         converter = BagConverter(McapSink(stream), chosen, posed=poses is not None)
         transforms = [name for name, topic in bag.topics.items() if topic.type == TRANSFORMS]
-        first, unread = None, set(chosen.values())
+        first, unread, kept = None, set(chosen.values()), set[str]()
         for message in bag.messages([*chosen.values(), *transforms]):
             unread.discard(message.topic)
             if message.type in IMAGES:
                 first = message.log_time if first is None else first
                 if not start <= to_seconds(message.log_time - first) <= end:
                     continue
+                kept.add(message.topic)
             with _named(f"{bag.path}, topic {message.topic}"):
                 converter.add(message)
         if unread:
@@ -90,6 +93,13 @@ def import_ros_bag(
                 "are none.",
                 remedy="Correct the index with `ros2 bag reindex`.",
             )
+        for topic in chosen.values():
+            if bag.topics[topic].type in IMAGES and topic not in kept:
+                raise DemonstrationError(
+                    f"{bag.path}: no image of topic {topic} was logged from {start:g} s to {end:g} "
+                    "s after the first image.",
+                    remedy="Correct --start and --end.",
+                )
         for name in cameras:
             if poses is None:
                 converter.require_pose(bag, name, world)

@@ -15,10 +15,9 @@ from poil_drake.recording.demonstration.layout import (
     optical_frame,
 )
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_decoders import decode_transform, frame_name
+from poil_drake.recording.mcap.message_decoders import frame_name
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
-from poil_drake.recording.mcap.timestamps import get_timestamp
 from poil_drake.recording.ros_bag.bag import CAMERA_INFO, TRANSFORMS, BagMessage, RosBag
 from poil_drake.recording.ros_bag.messages import (
     convert_calibration,
@@ -101,14 +100,7 @@ class BagConverter:
         static = message.topic.endswith(STATIC_TRANSFORM_TOPIC)
         for stamped in message.content.transforms:
             transform = convert_transform(stamped)
-            self._tree.add(
-                parent=frame_name(transform.parent_frame_id),
-                child=frame_name(transform.child_frame_id),
-                stamp=get_timestamp(transform, default=0),
-                log_time=message.log_time,
-                X_PC=decode_transform(transform),
-                static=static,
-            )
+            self._tree.add_message(transform, log_time=message.log_time, static=static)
             if not self._posed:
                 self._write(STATIC_TRANSFORM_TOPIC if static else TRANSFORM_TOPIC, transform)
 

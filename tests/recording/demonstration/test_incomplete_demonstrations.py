@@ -52,6 +52,13 @@ def out_of_step(foreign):
     foreign.times = dict.fromkeys(foreign.times, times) | {"/camera/right/depth": [7.3, 8.7]}
 
 
+def drops_alternately(foreign):
+    # From image 11 of 24 on, each camera drops every other image, but never both the same.
+    for topic in foreign.times:
+        kept = [i for i in range(24) if i <= 10 or i % 2 == ("left" in topic)]
+        foreign.times[topic] = [i / 8 for i in kept]
+
+
 def stops_early(foreign):
     times = [i / 8 for i in range(20)]
     foreign.times = dict.fromkeys(foreign.times, times) | {"/camera/left/depth": times[:10]}
@@ -82,6 +89,7 @@ def showing(kind, encoding, pixels, *, frame_id="", size=None):
         (one_frame, ["/camera/left/image", "at least 2 are needed"]),
         (clocks_differ, ["/camera/left/image", "stops 60.00 s before", "clocks"]),
         (out_of_step, ["needs at least 2 frames in which all cameras have", "but has 0"]),
+        (drops_alternately, ["in the last 1.62 s", "/camera/right/depth", "of the same time"]),
         (stops_early, ["/camera/left/depth", "stops 1.25 s before"]),
         (having(times={}, calibrations={}), ["no camera", "/camera/<name>/image"]),
         (showing("color", "yuv422", RGB[..., :2]), ["/camera/left/image", "yuv422", "rgb8"]),

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
@@ -18,6 +19,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from poil_drake.diagrams.scenario.model_parts import ModelGeometries, ModelGeometry
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.errors import ScenarioError
+
+_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Drake turns glTF files, whose y axis points up, so that their z axis does."""
 
 
 def SeparateParts(
@@ -74,6 +78,8 @@ def _split(
     if not (isinstance(shape, Mesh) and shape.source().is_path()):
         return False
     mesh = trimesh.load(str(shape.source().path()), force="mesh", process=False)
+    if shape.source().extension() == ".gltf":
+        mesh.vertices = mesh.vertices @ _Z_UP.T
     mesh.vertices *= shape.scale3()
     X_LG, frame = inspector.GetPoseInFrame(geometry.id), inspector.GetFrameId(geometry.id)
     inside = region.contains((X_LG @ mesh.triangles_center.T).T)

@@ -5,11 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pydrake.geometry import Role
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.poil_config import PartRegion
+from poil_drake.diagrams.station.cameras.part_regions import SeparateParts
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
@@ -76,6 +81,27 @@ def test_the_targets_part_is_told_apart_from_the_demonstrations(one_mesh: Path) 
 
     assert len(label_ids["mug/handle"]) == 1
     assert demonstrated.part_link == "handle"
+
+
+def test_a_mesh_whose_y_axis_points_up_is_split_as_drake_turns_it(tmp_path: Path) -> None:
+    # A pillar, 0.4 m high along its file's y axis, on the link's origin.
+    pillar = trimesh.creation.box((0.1, 0.4, 0.2)).subdivide()
+    pillar.apply_translation((0.0, 0.2, 0.0))
+    trimesh.exchange.export.export_mesh(pillar, tmp_path / "all.gltf")
+    sdf = SDF.replace("all.obj", "all.gltf").replace("0.001", "1")
+    (tmp_path / "one.sdf").write_text(sdf)
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.0)
+    Parser(plant).AddModels(str(tmp_path / "one.sdf"))
+
+    SeparateParts(plant, scene_graph, "one", {"top": PartRegion(lower=(-1.0, -1.0, 0.2))})
+
+    inspector, top = scene_graph.model_inspector(), []
+    for found in inspector.GetAllGeometryIds(Role.kPerception):
+        if inspector.GetName(found).endswith("/top"):
+            hull = inspector.GetShape(found).GetConvexHull()
+            top = [hull.vertex(i) for i in range(hull.num_vertices())]
+    np.testing.assert_allclose(np.min(top, axis=0), [-0.05, -0.1, 0.2], atol=1e-6)
+    np.testing.assert_allclose(np.max(top, axis=0), [0.05, 0.1, 0.4], atol=1e-6)
 
 
 def test_a_region_without_triangles_is_refused() -> None:
