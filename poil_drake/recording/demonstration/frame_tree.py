@@ -1,5 +1,6 @@
 """Frames, and the recorded transforms between them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -129,9 +130,8 @@ class FrameTree:
                 f"no transform connects frame '{base}' with frame '{frame}'.",
                 remedy="Record a transform between them.",
             )
-        # A is their nearest common ancestor, which may move.
-        X_AB, X_AF = (self._pose_along(path, stamp) for path in self._paths(base, frame))
-        pose: np.ndarray = inverse(X_AB) @ X_AF
+        to_base, to_frame = self._paths(base, frame)
+        pose: np.ndarray = inverse(self._pose(to_base, stamp)) @ self._pose(to_frame, stamp)
         return pose
 
     def span(self, *, base: str, frame: str) -> tuple[int, int]:
@@ -156,13 +156,11 @@ class FrameTree:
         return chain
 
     def _paths(self, base: str, frame: str) -> tuple[list[str], list[str]]:
-        """Returns `base` and `frame`, each with its ancestors below their nearest common one."""
-        first, second = self._chain(base), self._chain(frame)
-        while min(len(first), len(second)) > 1 and first[-2] == second[-2]:
-            first, second = first[:-1], second[:-1]
-        return first[:-1], second[:-1]
+        """Returns the frames from `base` and from `frame` up to below their common ancestor."""
+        bases, frames = self._chain(base), self._chain(frame)
+        return [f for f in bases if f not in frames], [f for f in frames if f not in bases]
 
-    def _pose_along(self, path: list[str], stamp: int) -> np.ndarray:
+    def _pose(self, path: Sequence[str], stamp: int) -> np.ndarray:
         """Returns the (4, 4) pose of the first frame of a path in the parent of the last [m]."""
         X = np.eye(4)
         for child in path:

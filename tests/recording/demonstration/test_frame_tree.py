@@ -117,15 +117,18 @@ def test_a_frame_on_a_moving_frame_moves_with_it():
 
 
 def test_the_motion_of_a_common_ancestor_does_not_count():
-    dut = moving()
-    dut.add(parent="world", child="camera", stamp=9 * SECOND, X_PC=pose(4.0))
-    dut.add(parent="camera", child="lens", stamp=0, X_PC=pose(0.1))
-    dut.add(parent="lens", child="depth", stamp=0, X_PC=pose(0.01))
+    # As with a robot on a mobile base that is localized every 9 s.
+    dut = FrameTree()
+    for second in (4, 13):
+        dut.add(parent="map", child="world", stamp=second * SECOND, X_PC=pose(float(second)))
+    dut.add(parent="world", child="arm", stamp=0, X_PC=pose(1.0, 90.0))
+    dut.add(parent="arm", child="camera", stamp=0, X_PC=pose(2.0))
 
-    for base, frame, x in (("camera", "lens", 0.1), ("lens", "camera", -0.1), ("lens", "lens", 0)):
-        X = dut.pose(base=base, frame=frame, stamp=5 * SECOND)
-        np.testing.assert_allclose(X, pose(x), atol=1e-12)
-    assert dut.span(base="camera", frame="depth")[0] < 0
+    first, last = dut.span(base="world", frame="camera")
+    X = dut.pose(base="world", frame="camera", stamp=7 * SECOND)
+
+    assert first < 0 < 90 * SECOND < last
+    np.testing.assert_allclose(X, pose(1.0, 90.0) @ pose(2.0), atol=1e-15)
 
 
 def test_frames_that_nothing_joins_have_no_pose():
