@@ -65,6 +65,10 @@ class NoImageError(CaptureError):
     """A camera that is open delivers an unusable image, or has no more images."""
 
 
+class CalibrationError(PoilError):
+    """Views of a calibration board are unusable, or do not determine the cameras' poses."""
+
+
 class StationError(PoilError):
     """The simulation or hardware station cannot be built or has failed."""
 

@@ -13,10 +13,21 @@ from typer.exceptions import TyperException
 from poil_drake import __version__
 from poil_drake.cli import skill
 from poil_drake.cli.bench import bench_app
+from poil_drake.cli.calibrate import calibrate_app
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
-_VERBS = ("doctor", "run", "demo", "transfer", "execute", "replay", "driver", "bench")
+_VERBS = (
+    "doctor",
+    "run",
+    "demo",
+    "transfer",
+    "execute",
+    "replay",
+    "calibrate",
+    "driver",
+    "bench",
+)
 
 
 class _OrderOfWork(TyperGroup):
@@ -34,6 +45,7 @@ app = typer.Typer(
 )
 demo_app = typer.Typer(no_args_is_help=True, help="Record and show demonstrations.")
 app.add_typer(demo_app, name="demo")
+app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(bench_app, name="bench")
 demo_app.command("record")(skill.demo_record)
 demo_app.command("show")(skill.demo_show)

@@ -190,6 +190,8 @@ class PoilConfig:
         fixture: Model instance with which the object interacts.
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
+        calibration: A file with the cameras' poses, which replace those in `cameras`; written by
+            `poil calibrate cameras`. Empty for none, and in a scenario that has been loaded.
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
         demonstration_object_label: The object's name in the recording; None means `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
@@ -218,6 +220,7 @@ class PoilConfig:
     fixture: str = "rack"
     robot: str = "panda"
     table_height: float = 0.0
+    calibration: str = ""
     demonstration: str | None = None
     demonstration_object_label: str | None = None
     demonstration_object: str = "package://poil_drake/mugs/mug_demo/mug_demo.sdf"
