@@ -1,4 +1,4 @@
-"""Views of a calibration board are taken through the real station, from a stand-in's messages."""
+"""Views of a board, and checks of depth, through the real station from a stand-in's messages."""
 
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from machine_pace import SLOWEST
 from textured_board import BOARD, board_scenario, postures, render_views, write_board
 
 from poil_drake.diagrams.calibration.camera_calibration import TakeViews
+from poil_drake.diagrams.calibration.camera_check import ExamineCameras
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import CalibrationError, StationError
 from poil_drake.perception.calibration.view_folder import load_views
@@ -48,6 +49,20 @@ def test_a_view_holds_the_cameras_images_and_the_arms_posture(
     assert record["commanded"] == []
     with pytest.raises(CalibrationError, match="has views already"):
         TakeViews(cell, tmp_path / "views", BOARD, on_hand=True, ask=lambda prompt: False)
+
+
+def test_the_real_cameras_depth_is_examined_without_commands(
+    scenario: Scenario, pictures: Path, tmp_path: Path
+) -> None:
+    cell = hardware_scenario(scenario, time_scale=SLOWEST)
+
+    with stand_in(cell, pictures, tmp_path) as robot:
+        findings = ExamineCameras(cell, hardware=True)
+    record = robot.finish()
+
+    assert [finding.name for finding in findings] == ["left", "right", "left and right"]
+    assert all(finding.ok for finding in findings)
+    assert record["commanded"] == []
 
 
 def test_a_silent_robot_is_named_although_its_cameras_are_not_needed_yet(
