@@ -87,6 +87,21 @@ def test_the_written_poses_are_within_1_mm_and_a_tenth_of_a_degree(
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 1000
 
 
+def test_cameras_that_are_not_chosen_keep_their_poses(
+    command: Command, views: tuple[Path, tuple[CameraModel, ...]], cell: Path
+) -> None:
+    before = camera_models(LoadScenario(filename=cell))
+
+    done = command("calibrate", "cameras", str(cell), "--views", str(views[0]), "--cameras", "left")
+
+    assert done.status == 0, done.err
+    calibration = "{poil: {calibration: out/cameras.yaml}}"
+    left, right = camera_models(LoadScenario(filename=cell, data=calibration))
+    np.testing.assert_allclose(right.X_WC, before[1].X_WC, atol=1e-6)
+    assert np.linalg.norm(left.X_WC[:3, 3] - views[1][0].X_WC[:3, 3]) < 1e-3
+    assert np.linalg.norm(left.X_WC[:3, 3] - before[0].X_WC[:3, 3]) > 0.01
+
+
 def test_a_recording_of_a_loose_board_gives_the_poses_between_cameras(
     command: Command, views: tuple[Path, tuple[CameraModel, ...]], tmp_path: Path
 ) -> None:

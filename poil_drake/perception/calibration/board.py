@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from poil_drake.errors import CalibrationError, InvalidValueError
+from poil_drake.errors import InvalidValueError
 
 _MIN_CORNERS = 6
 """Fewer corners in an image do not count as a view of the board."""
@@ -118,11 +118,14 @@ class CalibrationBoard:
 
         Returns:
             Width and height of the page, of which 10 mm on each side are margins [m].
+
+        Raises:
+            InvalidValueError: if the file has another suffix.
         """
         from PIL import Image
 
         if path.suffix not in (".pdf", ".png"):
-            raise CalibrationError(
+            raise InvalidValueError(
                 f"The board cannot be written to '{path}'.", remedy="Use the suffix .pdf or .png."
             )
         config = self.config

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from rendered_boards import BOARD, board_poses, cameras, rendered
 
-from poil_drake.errors import CalibrationError, InvalidValueError
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.depth_image import project
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.perception.calibration.board import BoardConfig, CalibrationBoard
@@ -77,5 +77,5 @@ def test_an_impossible_board_is_refused(values: dict, problem: str) -> None:
 
 
 def test_a_board_is_written_as_pdf_or_png(tmp_path: Path) -> None:
-    with pytest.raises(CalibrationError, match=r"\.pdf or \.png"):
+    with pytest.raises(InvalidValueError, match=r"\.pdf or \.png"):
         BOARD.save(tmp_path / "board.jpg")
