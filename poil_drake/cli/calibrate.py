@@ -128,7 +128,7 @@ def calibrate_cameras(
         )
         typer.echo(f"{name:<10} reprojection error {found.rms:.2f} px (RMS), {how}")
     if result.left_out:
-        images = ", ".join(f"{view}_{camera}" for camera, view in result.left_out)
+        images = ", ".join(view.name for view in result.left_out)
         typer.echo(f"left out, as they do not fit the others: {images}")
     if keep is None:
         typer.echo(
@@ -136,7 +136,7 @@ def calibrate_cameras(
             "as stated"
         )
     typer.echo(f"wrote the poses to {output}, and a picture of the errors to {picture}")
-    typer.echo(f"to use them, set in the scenario: poil: {{ calibration: {output} }}")
+    typer.echo(f"to use them, set in the scenario: poil: {{ calibration: {output.resolve()} }}")
 
 
 def _ask(prompt: str) -> bool:

@@ -59,7 +59,7 @@ def calibration_picture(
             axis.plot(*np.stack([view.pixels, ends]).transpose(2, 0, 1), "-", color="red", lw=0.8)
             axis.plot(*view.pixels.T, "o", mfc="none", mec="lime", ms=5, mew=0.8)
             axis.plot(*there.T, "+", color="orange", ms=5, mew=0.8)
-            out = ", left out" if (camera.name, view.view) in result.left_out else ""
+            out = ", left out" if view in result.left_out else ""
             axis.set_title(f"view {views[view.view].name}: {sizes[k]:.2f} px{out}", fontsize=9)
             axis.set(xticks=[], yticks=[], xlim=(0, camera.width), ylim=(camera.height, 0))
         axes[0].set_ylabel(camera.name)
@@ -88,9 +88,7 @@ def _draw_errors(
     camera: str,
     result: CalibrationResult,
 ) -> None:
-    kept = [
-        e for v, e in zip(views, errors, strict=True) if (camera, v.view) not in result.left_out
-    ]
+    kept = [e for view, e in zip(views, errors, strict=True) if view not in result.left_out]
     for error in kept:  # One colour for each view.
         axis.plot(*error.T, ".", ms=3)
     found = result.cameras[camera]

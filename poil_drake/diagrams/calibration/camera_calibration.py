@@ -125,9 +125,11 @@ def CalibrateCameras(
                 remedy=f"Choose from: {', '.join(scenario.cameras)}.",
             )
     chosen = [model for model in everything if not cameras or model.name in (*cameras, kept)]
+    if not chosen:
+        raise ScenarioError("The scenario has no cameras.", remedy="Add the key 'cameras'.")
     loaded = _load(views, chosen, board, on_hand=kept is None)
     found = [
-        BoardView(model.name, number, *corners)
+        BoardView(model.name, number, *corners, name=f"{view.name}_{model.name}")
         for number, view in enumerate(loaded)
         for model in chosen
         if model.name in view.images

@@ -86,6 +86,12 @@ def _with_calibration(scenario: Scenario) -> Scenario:
     path = scenario.poil.calibration
     if not path:
         return scenario
+    if not Path(path).is_file():
+        raise ScenarioError(
+            f"poil.calibration is '{path}', which does not exist.",
+            remedy="Write it with `poil calibrate cameras`, for which the key must be removed "
+            "once, or name another file.",
+        )
     node = _read(Path(path))
     cameras = node.get("cameras") if isinstance(node, dict) else None
     if not isinstance(cameras, dict) or len(node) > 1:

@@ -9,8 +9,9 @@ and X_GB is not ("eye to hand"). If the board is loose, every X_WBv is unknown, 
 camera is kept. All unknown poses minimize the squared reprojection errors of all cameras together.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -44,6 +45,9 @@ one corner, if its error exceeds this multiple of its image's median."""
 _LARGEST_LEFT_OUT = 0.25
 """Largest fraction of views that may be left out."""
 
+_MOST_STEPS = 50
+"""Largest number of steps of a minimization; good views need 5 to 15, others end as a misfit."""
+
 _LARGEST_RESCALING = 0.01
 """Largest accepted relative error of the board's size."""
 
@@ -76,13 +80,13 @@ class CalibrationResult:
     Attributes:
         cameras: Name -> result.
         boards: View -> (4, 4) pose X_WB of the board [m], for each view that was used.
-        left_out: The (camera, view) of images that do not fit the others.
+        left_out: Images that do not fit the others.
         square: Edge of the squares that fits the hand's motions best [m], NaN for a loose board.
     """
 
     cameras: Mapping[str, CameraCalibration]
     boards: Mapping[int, np.ndarray]
-    left_out: tuple[tuple[str, int], ...]
+    left_out: tuple[BoardView, ...]
     square: float = np.nan
 
 
@@ -118,18 +122,18 @@ def calibrate_cameras(
     start = first_guess(cameras, views, board, hand_poses, known)
     problem = _Reprojection(cameras, views, board, hand_poses, start, free)
     # An image that does not fit, e.g. one of a moving arm, must not spoil the others.
-    x = least_squares(problem.errors, problem.zero, loss="soft_l1", x_scale="jac").x
+    x = _minimize(problem.errors, problem.zero, "soft_l1").x
     square = np.nan if hand_poses is None else _fitting_square(problem, x, board.config.square)
     errors = problem.image_rms(x)
     fits = errors <= max(_OUTLIER_FACTOR * float(np.median(errors)), _LEAST_OUTLIER)
-    left_out = tuple((v.camera, v.view) for v, ok in zip(views, fits, strict=True) if not ok)
+    left_out = tuple(view for view, ok in zip(views, fits, strict=True) if not ok)
     if np.median(errors) > _LARGEST_RMS or len(left_out) > _LARGEST_LEFT_OUT * len(views):
         raise _misfit(float(np.median(errors)), len(left_out), len(views), hand_poses is not None)
     good = [view for view, ok in zip(problem.without_outliers(views, x), fits, strict=True) if ok]
     _check_views(cameras, good, hand_poses, kept)
 
     problem = _Reprojection(cameras, good, board, hand_poses, problem.poses(x), free)
-    solution = least_squares(problem.errors, problem.zero, x_scale="jac")
+    solution = _minimize(problem.errors, problem.zero, "linear")
     spread = _jackknife(solution.jac, solution.fun, problem.view_of_row).reshape(-1, 6)
     variances = {name: spread[k] for k, name in enumerate(free)}
     found, boards, _ = problem.poses(solution.x)
@@ -149,19 +153,19 @@ def calibrate_cameras(
     return CalibrationResult(results, boards, left_out, square)
 
 
+def _minimize(errors: Callable[[np.ndarray], np.ndarray], start: np.ndarray, loss: str) -> Any:
+    """Minimizes the sum of squared errors, or of another loss; see `least_squares`."""
+    return least_squares(errors, start, loss=loss, x_scale="jac", max_nfev=_MOST_STEPS)
+
+
 def _fitting_square(problem: "_Reprojection", x: np.ndarray, square: float) -> float:
     """Returns the edge of the squares [m] with which the board fits the hand's motions best.
 
     Raises:
         CalibrationError: if it is far from the stated edge, and fits much better.
     """
-    scaled = least_squares(
-        lambda y: problem.errors(y[:-1], scale=np.exp(y[-1])),
-        np.append(x, 0.0),
-        loss="soft_l1",
-        x_scale="jac",
-    ).x
-    scale = float(np.exp(scaled[-1]))
+    scaled = _minimize(lambda y: problem.errors(y[:-1], y[-1]), np.append(x, 1.0), "soft_l1").x
+    scale = float(scaled[-1])
     before = np.median(problem.image_rms(x))
     after = np.median(problem.image_rms(scaled[:-1], scale=scale))
     if abs(scale - 1.0) > _LARGEST_RESCALING and after < 0.5 * before:

@@ -7,6 +7,7 @@ one that leaves the clouds closest together is reported.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations, product
 
 import numpy as np
@@ -190,14 +191,19 @@ def _find_causes(
             choices.append([(None, cloud, 0.0)])
         else:
             choices.append(_explanations(cloud, plane, table_height))
+
+    @cache
+    def distance(first: ViewCloud, second: ViewCloud) -> float:
+        p, q, normals = correspondences(first, second, table_height)
+        if len(p) < _FEWEST_PAIRS:
+            return _FAR
+        return float(np.minimum(np.abs(np.vecdot(normals, p - q)), _FAR).mean())
+
     ranked: list[tuple[float, list[Cause | None]]] = []
     for combination in product(*choices):
         errors = [error for _, _, error in combination]
-        for (_, first, _), (_, second, _) in combinations(combination, 2):
-            p, q, normals = correspondences(first, second, table_height)
-            apart = np.abs(np.vecdot(normals, p - q))
-            few = len(p) < _FEWEST_PAIRS
-            errors.append(_FAR if few else float(np.minimum(apart, _FAR).mean()))
+        corrected = [cloud for _, cloud, _ in combination]
+        errors += [distance(first, second) for first, second in combinations(corrected, 2)]
         ranked.append((sum(errors), [cause for cause, _, _ in combination]))
     ranked.sort(key=lambda item: item[0])
     found: dict[str, tuple[Cause, ...]] = {}

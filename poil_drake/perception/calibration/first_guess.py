@@ -27,12 +27,14 @@ class BoardView:
         view: Number of the view, 0 to V - 1.
         corners: (K,) indices of the corners.
         pixels: (K, 2) their pixels.
+        name: The image's name, for messages.
     """
 
     camera: str
     view: int
     corners: np.ndarray
     pixels: np.ndarray
+    name: str = ""
 
 
 def first_guess(
@@ -92,8 +94,8 @@ def _board_in_camera(
     )
     if count == 0:
         raise CalibrationError(
-            f"The board's pose in view {view.view} of camera '{view.camera}' cannot be computed.",
-            remedy="Remove this view.",
+            f"The board's pose in the image {view.name} cannot be computed.",
+            remedy="Remove this image.",
         )
     X = make_transform(cv2.Rodrigues(rotations[0])[0], translations[0].ravel())
     clear = count == 1 or float(errors[1].item()) > _AMBIGUITY * float(errors[0].item())

@@ -104,7 +104,7 @@ def _read_positions(path: Path) -> dict[str, np.ndarray]:
             remedy=f"Write it, with the columns {', '.join(_HEADER)} [rad]; or, for a loose board, "
             "name the camera whose pose is right with --keep.",
         )
-    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
         return dict(_rows(path, csv.reader(file)))
 
 

@@ -326,7 +326,7 @@ def test_text_may_name_a_calibration_and_change_its_poses_later(calibrated: Path
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (None, r"poses\.yaml' cannot be read \(No such file"),
+        (None, r"poses\.yaml', which does not exist"),
         ("", r"poses\.yaml', which is not a file of camera poses"),
         ("Cell: {cameras: {left: {width: 1}}}", "which is not a file of camera poses"),
         ("{cameras: {top: {}}}", "has the camera 'top', but the scenario does not.*left, right"),

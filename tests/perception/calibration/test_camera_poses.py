@@ -134,7 +134,7 @@ def test_a_view_with_the_wrong_joint_positions_is_left_out() -> None:
         models, exact_views(models, poses, noise=0.05), BOARD, hand_poses=hands
     )
 
-    assert set(found.left_out) == {("left", 4), ("right", 4)}
+    assert {(view.camera, view.view) for view in found.left_out} == {("left", 4), ("right", 4)}
     assert errors(found, models)[0] < 1e-3
 
 
