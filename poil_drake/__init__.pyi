@@ -1,6 +1,7 @@
 from .control.field.point_set_bcsdm import BcsdmConfig as BcsdmConfig
 from .control.reference.make_reference import make_reference as make_reference
 from .control.reference.point_trajectory import PointTrajectory as PointTrajectory
+from .diagrams.demonstration.camera_recorder import RecordFromCameras as RecordFromCameras
 from .diagrams.demonstration.recorder import RecordDemonstration as RecordDemonstration
 from .diagrams.loop.closed_loop import ClosedLoop as ClosedLoop
 from .diagrams.loop.closed_loop import MakeClosedLoop as MakeClosedLoop

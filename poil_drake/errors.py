@@ -69,6 +69,10 @@ class CalibrationError(PoilError):
     """Views of a calibration board are unusable, or do not determine the cameras' poses."""
 
 
+class NoMoreImagesError(NoImageError):
+    """A recording that stands in for a camera has ended."""
+
+
 class StationError(PoilError):
     """The simulation or hardware station cannot be built or has failed."""
 

@@ -19,9 +19,9 @@ def finite(value: float | None) -> float | None:
     return value
 
 
-def positive(value: float) -> float:
-    """Returns an option's value; rejects non-positive values and NaN, but allows infinity."""
-    if not value > 0.0:
+def positive(value: float | None) -> float | None:
+    """Returns an option's value (None: not given); rejects non-positive values and NaN."""
+    if value is not None and not value > 0.0:
         raise typer.BadParameter(f"{value} is not a positive number.")
     return value
 

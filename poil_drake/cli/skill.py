@@ -75,13 +75,63 @@ def demo_record(
     ),
     scenario_name: options.ScenarioName = None,
     scenario_text: options.ScenarioText = None,
+    hardware: Annotated[
+        bool,
+        typer.Option("--hardware", help="Record your own demonstration from the real cameras."),
+    ] = False,
     seed: options.Seed = None,
+    countdown: Annotated[
+        int | None,
+        typer.Option("--countdown", min=0, help="From real cameras: seconds to wait. Default: 3."),
+    ] = None,
+    duration: Annotated[
+        float | None,
+        typer.Option(
+            "--duration", callback=positive, help="From real cameras: stop after these seconds."
+        ),
+    ] = None,
+    lossless: Annotated[
+        bool,
+        typer.Option("--lossless", help="From real cameras: keep all bits; a far larger file."),
+    ] = False,
+    no_meshcat: Annotated[
+        bool, typer.Option("--no-meshcat", help="From real cameras: no live page.")
+    ] = False,
+    time_scale: options.TimeScale = None,
 ) -> None:
-    """Simulate and record a demonstration: the object moves without a robot."""
+    """Record a demonstration: simulated without a robot, or your own from real cameras.
+
+    With --hardware, a live page shows what the cameras see. Enter, space or the button on the page
+    start and stop the recording. Ctrl-C stops it, too, and keeps what was recorded. A picture of
+    the recording is drawn beside it.
+    """
+    require_hardware(
+        hardware,
+        countdown=countdown is not None,
+        duration=duration,
+        lossless=lossless,
+        no_meshcat=no_meshcat,
+        time_scale=time_scale,
+    )
+    chosen = choose_scenario(
+        scenario, scenario_name, scenario_text, seed=seed, time_scale=time_scale
+    )
+    require_writable(output, inputs=(chosen.source.file,))
+    if hardware:
+        from poil_drake.diagrams.demonstration.camera_recorder import RecordFromCameras
+
+        RecordFromCameras(
+            chosen,
+            output,
+            show=not no_meshcat,
+            countdown=3 if countdown is None else countdown,
+            duration=math.inf if duration is None else duration,
+            lossless=lossless,
+            picture=output.with_suffix(".png"),
+        )
+        return
     from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 
-    chosen = choose_scenario(scenario, scenario_name, scenario_text, seed=seed)
-    require_writable(output, inputs=(chosen.source.file,))
     frames = RecordScenarioDemonstration(chosen, output)
     typer.echo(f"recorded {frames} frames to {output}")
 

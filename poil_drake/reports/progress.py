@@ -75,6 +75,33 @@ class ProgressBar(AbstractContextManager["ProgressBar"]):
         self._finish()
 
 
+class StatusLine(AbstractContextManager["StatusLine"]):
+    """One line on the terminal that changes; drawn only if standard error is a terminal.
+
+    Use it in a `with` block, and call it with the text of the line.
+    """
+
+    def __init__(self) -> None:
+        columns, lines = _default_size()
+        self._bar = OneLineTqdm(
+            total=0, bar_format="{desc}", ncols=columns, nrows=lines, leave=False
+        )
+
+    def __call__(self, text: str) -> None:
+        """Shows a text in place of the last one."""
+        self._bar.set_description_str(text)
+
+    def say(self, text: str) -> None:
+        """Prints a line above the changing one."""
+        self._bar.clear()
+        print(text, flush=True)
+        self._bar.refresh()
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.clear()
+        tqdm.close(self._bar)
+
+
 def _default_size() -> tuple[int | None, int | None]:
     """Returns tqdm's `ncols` and `nrows`: 80 and 24 if the terminal reports 0, otherwise None."""
     try:

@@ -45,6 +45,37 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
         ) from error
 
 
+def require_new(path: Path) -> None:
+    """Checks that nothing exists at a path, for outputs that cannot be made again.
+
+    Raises:
+        OutputError: if something exists.
+    """
+    if path.exists():
+        raise _exists(path)
+
+
+def new_file(path: Path) -> BinaryIO:
+    """Opens a new binary file. Creates its folder if needed.
+
+    Raises:
+        OutputError: if the file exists.
+        OSError: if it cannot be created.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        return path.open("xb")
+    except FileExistsError as error:
+        raise _exists(path) from error
+
+
+def _exists(path: Path) -> OutputError:
+    return OutputError(
+        f"'{path}' exists already, and a recording is never overwritten.",
+        remedy="Choose another file, or move this one away.",
+    )
+
+
 @contextmanager
 def whole_file(path: Path) -> Iterator[BinaryIO]:
     """Yields a new binary file, which replaces `path` at the end of the `with` block.

@@ -42,6 +42,27 @@ class Pulse:
             )
 
 
+def pulses_with_bodies(
+    plant: MultibodyPlant, pulses: Sequence[Pulse]
+) -> list[tuple[Pulse, BodyIndex]]:
+    """Returns each pulse with the index of its body.
+
+    Raises:
+        ScenarioError: The plant has no body with a pulse's name.
+    """
+    bodies = {
+        plant.get_body(BodyIndex(i)).scoped_name().get_full(): BodyIndex(i)
+        for i in range(plant.num_bodies())
+    }
+    for pulse in pulses:
+        if pulse.body not in bodies:
+            raise ScenarioError(
+                f"A pulse acts on '{pulse.body}', but the plant has no body of this name.",
+                remedy=f"Choose one of: {', '.join(bodies)}.",
+            )
+    return [(pulse, bodies[pulse.body]) for pulse in pulses]
+
+
 class DisturbanceInjector(LeafSystem):
     """Applies smooth pulses of force and torque to bodies.
 
@@ -67,17 +88,7 @@ class DisturbanceInjector(LeafSystem):
             ScenarioError: if the plant has no body with a pulse's name.
         """
         super().__init__()
-        bodies = {
-            plant.get_body(BodyIndex(i)).scoped_name().get_full(): BodyIndex(i)
-            for i in range(plant.num_bodies())
-        }
-        for pulse in pulses:
-            if pulse.body not in bodies:
-                raise ScenarioError(
-                    f"A pulse acts on '{pulse.body}', but the plant has no body of this name.",
-                    remedy=f"Choose one of: {', '.join(bodies)}.",
-                )
-        self._pulses = [(pulse, bodies[pulse.body]) for pulse in pulses]
+        self._pulses = pulses_with_bodies(plant, pulses)
         self.DeclareAbstractOutputPort(
             "applied_spatial_force",
             lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),

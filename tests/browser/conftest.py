@@ -161,6 +161,10 @@ class MeshcatPage:
         self._driver.execute_script(script, names, [x, z, -y])
         self._driver.execute_script("viewer.controls.update();")
 
+    def press(self, key: str) -> None:
+        """Presses a key while the page has the focus."""
+        self._driver.find_element("tag name", "body").send_keys(key)
+
     def screenshot(self) -> np.ndarray:
         """Returns a screenshot, (H, W, 3) uint8 RGB."""
         self._render()

@@ -70,6 +70,15 @@ NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_t
         (["demo", "show", "."], "Is a directory"),
         (["demo", "record", "-o", "."], "The output '.' is a folder"),
         (["demo", "record", "--scenario_text", "{poil: {fixture: rak}}"], "poil.fixture is 'rak'"),
+        (["demo", "record", "--hardware", "-o", "."], "The output '.' is a folder"),
+        (
+            [
+                *("demo", "record", "--hardware", "--no-meshcat", "--scenario_text"),
+                "{lcm_buses: {images: {lcm_url: 'memq://'}}, "
+                "poil: {hardware: {ready_timeout: 0.1}}}",
+            ],
+            "These cameras delivered nothing within 0.1 s: 'left' (no image), 'right' (no image)",
+        ),
         (
             ["demo", "record", "--scenario_text", "{initial_position: {rack: {hinge: [0]}}}"],
             "initial_position cannot be set",
@@ -108,6 +117,9 @@ def test_mistakes_end_in_one_line(command: Command, arguments: list[str], said: 
         (["run", "--seed", "-1"], "--seed"),
         (["run", "--dry-run"], "--dry-run works only with --hardware"),
         (["execute", "plan.npz", "--speed", "0.5"], "--speed works only with --hardware"),
+        (["demo", "record", "--duration", "5"], "--duration works only with --hardware"),
+        (["demo", "record", "--countdown", "0"], "--countdown works only with --hardware"),
+        (["demo", "record", "--hardware", "--duration", "0"], "--duration"),
         (["run", "--time-scale", "0.5"], "--time-scale works only with --hardware"),
         (["bench", "latency", "--hardware", "--duration", "1"], "--duration"),
         (["driver", "--duration", "nan"], "--duration"),

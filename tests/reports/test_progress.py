@@ -8,7 +8,7 @@ import termios
 
 import pytest
 
-from poil_drake.reports.progress import OneLineTqdm, ProgressBar
+from poil_drake.reports.progress import OneLineTqdm, ProgressBar, StatusLine
 
 _SHOW = """
 from poil_drake.reports.progress import ProgressBar
@@ -29,6 +29,25 @@ def test_each_step_has_a_bar(capsys: pytest.CaptureFixture[str]) -> None:
     assert " 25% |" in planning
     assert closed_loop.startswith("closed loop")
     assert "100% |" in closed_loop
+
+
+def test_a_status_line_goes_only_to_a_terminal(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with StatusLine() as dut:
+        dut("left 30/s")
+        dut.say("a camera stopped")
+    assert capsys.readouterr() == ("a camera stopped\n", "")
+
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    with StatusLine() as dut:
+        dut("left 30/s")
+        dut("left 29/s")
+        dut.say("a camera stopped")
+    out, err = capsys.readouterr()
+    assert out == "a camera stopped\n"
+    assert err.index("left 30/s") < err.index("left 29/s")
+    assert err.split("\r")[-1].strip() == ""  # Nothing is left on the terminal.
 
 
 def test_only_one_line_goes_to_a_file(capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,7 @@ from poil_drake.diagrams.scenario.models import (
     RequireModel,
     SetInitialPositions,
 )
-from poil_drake.diagrams.scenario.poil_config import PoilConfig
+from poil_drake.diagrams.scenario.poil_config import PartRegion, PoilConfig
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
@@ -94,7 +94,8 @@ class DemonstrationScene:
         self._diagram = builder.Build()
         self._context = self._diagram.CreateDefaultContext()
         self.object_name, self.fixture_name = poil.object, poil.fixture
-        self.part_link = parts[poil.part]
+        part = parts[poil.part]
+        self.part_link = part if isinstance(part, str) else poil.part
         self.camera_names = tuple(camera.name for camera in self._cameras)
         self._renderer = IncrementalRenderer(self._diagram, self._scene_graph, self.camera_names)
 
@@ -160,14 +161,15 @@ class DemonstrationScene:
         return CollisionGeometries(self._plant, self._scene_graph.model_inspector(), model, part)
 
 
-def demonstrated_parts(poil: PoilConfig) -> dict[str, str]:
-    """Returns part name -> link or expression for geometries, for the demonstration's object.
+def demonstrated_parts(poil: PoilConfig) -> dict[str, str | PartRegion]:
+    """Returns part name -> link, expression for geometries, or region, of the demonstrated object.
 
-    The package's mugs have the link "handle". For other objects, `poil.parts` applies.
+    What `poil.demonstration_parts` does not list is the link "handle" for the package's mugs, and
+    as in `poil.parts` for other objects.
     """
     if poil.demonstration_object.startswith(_OWN_MUGS):
-        return {poil.part: _OWN_MUGS_PART}
-    return {poil.part: poil.part, **poil.parts}
+        return {poil.part: _OWN_MUGS_PART, **poil.demonstration_parts}
+    return {poil.part: poil.part, **poil.parts, **poil.demonstration_parts}
 
 
 def demonstration_directives(

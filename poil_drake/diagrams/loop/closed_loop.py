@@ -15,7 +15,12 @@ from poil_drake.diagrams.loop.logging_and_visualization import (
 from poil_drake.diagrams.loop.perception import AddPerception
 from poil_drake.diagrams.loop.wires import ConnectByName
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
-from poil_drake.diagrams.station.station import MakeStation, RequireLabels, Station
+from poil_drake.diagrams.station.station import (
+    MakeStation,
+    RequireLabels,
+    SimulatedStation,
+    Station,
+)
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.runtime.stopwatch import Stopwatch
@@ -113,7 +118,7 @@ def MakeClosedLoop(
             and the object, and to send nothing to the robot.
         log: Receives every signal and the images; the caller closes it after the run.
         album: Receives pictures of the run, if the tracker has the output port `frame`.
-        disturbances: Pushes on bodies of the simulated plant.
+        disturbances: Pushes on bodies of the simulated plant, besides the scenario's.
         stop_switch: Stops the arm on request, like the button on the page of `meshcat`.
         stopwatch: Measures the time for rendering, tracking, control and publishing.
 
@@ -163,6 +168,8 @@ def MakeClosedLoop(
             parts |= AddPerception(**given, dry_run=dry_run, stopwatch=stopwatch)
         shown = album if parts["tracker"].HasOutputPort("frame") else None
         parts |= AddLoggingAndVisualization(**given, meshcat=meshcat, log=log, album=shown)
+        if isinstance(station, SimulatedStation):
+            disturbances = (*scenario.poil.disturbances, *disturbances)
         if disturbances:
             injector = DisturbanceInjector(plant=station.plant(), pulses=disturbances)
             parts["disturbances"] = builder.AddNamedSystem("disturbances", injector)

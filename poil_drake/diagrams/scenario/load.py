@@ -13,6 +13,7 @@ import yaml
 from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load
 
 from poil_drake.diagrams.scenario.hardware_config import CameraSource
+from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.diagrams.scenario.randomization import ApplyRandomization
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
@@ -282,7 +283,7 @@ def _node(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
         node = {field.name: _node(getattr(value, field.name)) for field in written}
-        if isinstance(value, CameraSource):  # A union needs the member's tag.
+        if isinstance(value, CameraSource | PartRegion):  # A union needs the member's tag.
             node = {"_tag": f"!{type(value).__name__}", **node}
         return node
     if isinstance(value, Mapping):

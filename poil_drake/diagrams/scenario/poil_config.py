@@ -15,6 +15,7 @@ from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.systems.control_period import CONTROL_PERIOD
+from poil_drake.systems.disturbance_injector import Pulse
 from poil_drake.systems.safety.faults import SafetyConfig
 
 
@@ -179,14 +180,45 @@ class DemonstrationMotionConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PartRegion:
+    """The part of an object that lies in a box; the box is in the frame of each of its links.
+
+    A side that is not given is at infinity. With one side, the part is what lies beyond a plane.
+
+    Attributes:
+        lower: Lowest coordinates along the box's axes [m].
+        upper: Highest coordinates along the box's axes [m].
+        rpy: Roll, pitch and yaw of the box's axes; the box turns about the link's origin [deg].
+    """
+
+    lower: tuple[float, float, float] = (-math.inf,) * 3
+    upper: tuple[float, float, float] = (math.inf,) * 3
+    rpy: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not all(low < high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise ScenarioError(
+                f"A part's region reaches from {list(self.lower)} to "
+                f"{list(self.upper)}, so it is empty.",
+                remedy="Each value of lower must be less than that of upper.",
+            )
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Returns whether each of the points (n, 3) [m] in the link's frame is in the box, (n,)."""
+        own = Rotation.from_euler("xyz", self.rpy, degrees=True).inv().apply(points)
+        return np.all((own >= self.lower) & (own <= self.upper), axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
 class PoilConfig:
     """The `poil` section: the task and POIL's settings.
 
     Attributes:
         object: Model instance of the manipulated object.
         part: Name of the object's functional part.
-        parts: Part name -> a link of the object, or a regular expression for names of its
-            geometries. A part that is not listed is the link of the same name.
+        parts: Part name -> a link of the object, a regular expression for names of its
+            geometries, or a region (`!PartRegion`) of its visual meshes. A part that is not listed
+            is the link of the same name.
         fixture: Model instance with which the object interacts.
         robot: Model instance of the robot.
         table_height: Height of the plane on which objects stand [m, world].
@@ -195,6 +227,8 @@ class PoilConfig:
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
         demonstration_object_label: The object's name in the recording; None means `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
+        demonstration_parts: Like `parts`, for `demonstration_object`. A part that is not listed is
+            the same as in `parts`.
         demonstration_motion: The object's motion in the built-in demonstration.
         detector: Name of the part detector.
         tracker: Name of the point tracker.
@@ -208,6 +242,7 @@ class PoilConfig:
         latency: Time from the capture of images to the release of the points tracked in them [s],
             including the cameras' output_delay.
         depth_noise: Errors of the simulated depth cameras.
+        disturbances: Pushes on bodies of the simulated plant; not used on hardware.
         rates: Periods of the plant, the control, the tracker and the logger.
         randomization: Ranges from which randomized trials draw.
         safety: When the supervisor stops the arm, and how it limits motion.
@@ -216,7 +251,7 @@ class PoilConfig:
 
     object: str = "mug"
     part: str = "handle"
-    parts: Mapping[str, str] = field(default_factory=dict)
+    parts: Mapping[str, str | PartRegion] = field(default_factory=dict)
     fixture: str = "rack"
     robot: str = "panda"
     table_height: float = 0.0
@@ -224,6 +259,7 @@ class PoilConfig:
     demonstration: str | None = None
     demonstration_object_label: str | None = None
     demonstration_object: str = "package://poil_drake/mugs/mug_demo/mug_demo.sdf"
+    demonstration_parts: Mapping[str, str | PartRegion] = field(default_factory=dict)
     demonstration_motion: DemonstrationMotionConfig = field(
         default_factory=DemonstrationMotionConfig
     )
@@ -236,6 +272,7 @@ class PoilConfig:
     max_linear_speed: float = 0.25
     latency: float = 1 / 16
     depth_noise: StereoDepthNoiseConfig = field(default_factory=StereoDepthNoiseConfig)
+    disturbances: tuple[Pulse, ...] = ()
     rates: Rates = field(default_factory=Rates)
     randomization: Randomization = field(default_factory=Randomization)
     hardware: HardwareConfig = field(default_factory=HardwareConfig)

@@ -23,7 +23,7 @@ _WANTED = {
     float: "a number or a fraction such as 1/8",
     int: "a whole number",
     bool: "true or false",
-    np.ndarray: "a list of numbers",
+    np.ndarray: "a list of finite numbers",
     list: "a list",
     tuple: "a list",
     dict: "a mapping of names to values",
@@ -66,7 +66,14 @@ def merge_yaml(
     if isinstance(node, Mapping):
         fields = _fields(schema)
         if fields is not None:
-            default = default if type(default) is schema else schema()
+            if type(default) is not schema:
+                required = _required(schema)
+                if missing := [name for name in required if name not in node]:
+                    raise ScenarioError(
+                        f"'{path}' has no '{missing[0]}'.",
+                        remedy="Add it to the scenario.",
+                    )
+                default = schema if required else schema()
             return _merge_structure(node, fields, default, path, unknown)
         if base in (dict, Mapping):
             merged = dict(default or {})
@@ -87,7 +94,7 @@ def merge_yaml(
     elif base not in (list, tuple, dict, Mapping):
         try:
             value = _scalar_or_array(node, schema)
-            if schema not in (float, np.ndarray) or not np.isnan(value).any():
+            if schema is not float or not np.isnan(value):
                 return value
         except (ValueError, TypeError, ArithmeticError):
             pass
@@ -98,7 +105,9 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
     """Returns a node converted to a type; raises an error if the node's meaning would change."""
     given = type(node)
     if schema is np.ndarray and given in (list, int, float):
-        return np.array(node, dtype=float)
+        if not all(type(value) in (int, float) for value in np.array(node, dtype=object).flat):
+            raise TypeError
+        return np.asarray_chkfinite(node, dtype=float)
     if schema is float and given is str and "/" in node:
         return float(Fraction(node))
     if given is schema or (schema is float and given in (int, str)):
@@ -111,7 +120,10 @@ def _scalar_or_array(node: Any, schema: type) -> Any:
 def _merge_structure(
     node: Mapping, fields: Mapping[str, Any], default: Any, path: str, unknown: list[str] | None
 ) -> Any:
-    """Returns a copy of `default`, a dataclass or one of Drake's types, with the node's values."""
+    """Returns a copy of `default`, a dataclass or one of Drake's types, with the node's values.
+
+    If `default` is a dataclass itself, not an instance, it is constructed with the node's values.
+    """
     values = {}
     for key, value in node.items():
         place = f"{path}.{key}" if path else key
@@ -129,10 +141,12 @@ def _merge_structure(
             unknown.append(place)
             continue
         values[key] = merge_yaml(
-            value, fields[key], getattr(default, key), path=place, unknown=unknown
+            value, fields[key], getattr(default, key, None), path=place, unknown=unknown
         )
-    if dataclasses.is_dataclass(default) and not isinstance(default, type):
+    if dataclasses.is_dataclass(default):
         try:
+            if isinstance(default, type):
+                return default(**values)
             return dataclasses.replace(default, **values)
         except ScenarioError:
             raise
@@ -160,6 +174,18 @@ def _fields(schema: Any) -> dict[str, Any] | None:
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)
     return None if fields is None else {f.name: f.type for f in fields}
+
+
+def _required(schema: Any) -> list[str]:
+    """Returns the names of a dataclass's fields that have no default."""
+    if not dataclasses.is_dataclass(schema):
+        return []
+    missing = dataclasses.MISSING
+    return [
+        f.name
+        for f in dataclasses.fields(schema)
+        if f.default is missing and f.default_factory is missing
+    ]
 
 
 def _tag(member: type) -> str:

@@ -23,6 +23,7 @@ from poil_drake.diagrams.station.cameras.labels import AssignLabels
 from poil_drake.diagrams.station.panda_arm import SetControllerGains
 from poil_drake.errors import ScenarioError
 from poil_drake.robots.panda import BASE_LINK
+from poil_drake.systems.disturbance_injector import pulses_with_bodies
 
 PrefinalizeCallback = Callable[[Parser], None]
 """Called with the parser while models can still be added."""
@@ -102,8 +103,8 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
 
     Raises:
         ScenarioError: The object cannot move freely; the robot's base is not fixed to the world;
-            the fixture has no rod; `model_drivers` names another model than the robot; or a joint
-            starts outside its limits.
+            the fixture has no rod; `model_drivers` names another model than the robot; a joint
+            starts outside its limits; or a disturbance acts on an unknown body.
     """
     poil = scenario.poil
     _require_holder(plant, inspector, poil)
@@ -115,6 +116,7 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
                 f"model_drivers names '{name}', but only the robot '{poil.robot}' has a driver.",
                 remedy=f"Rename this key of model_drivers to '{poil.robot}', or remove it.",
             )
+    pulses_with_bodies(plant, poil.disturbances)
     for name in scenario.initial_position:
         _require_start_within_limits(plant, name)
 

@@ -2,13 +2,17 @@
 
 import math
 import threading
+from collections.abc import Callable, Mapping
 
-from poil_drake.errors import NoImageError, PoilError
+from poil_drake.errors import NoImageError, NoMoreImagesError, PoilError
 from poil_drake.perception.capture.device import CaptureDevice
 from poil_drake.perception.images import RgbdImage
 
 _PAUSE = 0.001
 """Pause after a read without a new image [s], so that a non-blocking device does not spin."""
+
+AHEAD = 0.02
+"""Images stamped farther in the future than this [s] show that the clocks differ."""
 
 _JOIN_TIMEOUT = 1.0
 """How long `close` waits for the thread [s]. A device may block for longer while it opens."""
@@ -30,6 +34,7 @@ class CaptureThread:
     Attributes:
         newest: The newest image; None before the first.
         count: Number of usable images so far.
+        unusable: Number of unusable images so far.
         problem: Why the camera delivers no usable image; empty if it does.
     """
 
@@ -40,6 +45,7 @@ class CaptureThread:
         name: str,
         size: tuple[int, int],
         reopen_period: float = 1.0,
+        on_image: Callable[[RgbdImage], None] | None = None,
     ):
         """Constructs the thread without starting it.
 
@@ -48,9 +54,11 @@ class CaptureThread:
             name: The camera's name, for the name of the thread.
             size: Required (height, width) of the images [px].
             reopen_period: Time from a failure to the next attempt to open the device [s].
+            on_image: Called on the thread with each usable image; must return quickly.
         """
         self.newest: RgbdImage | None = None
-        self.count, self.problem = 0, ""
+        self.count, self.unusable, self.problem = 0, 0, ""
+        self._on_image = on_image
         self._last_stamp = -math.inf
         self._device, self._size, self._reopen_period = device, size, reopen_period
         self._ended = threading.Event()
@@ -92,14 +100,18 @@ class CaptureThread:
                 image = self._device.read()
             except NoImageError as error:
                 self.problem = _in_one_line(error)
+                self.unusable += not isinstance(error, NoMoreImagesError)
                 image = None
             if image is not None:
                 self.problem = self._problem_with(image)
+                self.unusable += bool(self.problem)
             if image is None or self.problem:
                 self._ended.wait(_PAUSE)
                 continue
             self.newest, self._last_stamp = image, image.stamp
             self.count += 1
+            if self._on_image is not None:
+                self._on_image(image)
 
     def _problem_with(self, image: RgbdImage) -> str:
         if image.depth.shape != self._size:
@@ -118,6 +130,30 @@ class CaptureThread:
         if not image.depth.any():
             return "the depth images are empty: the lens is covered, or everything is too close"
         return ""
+
+
+def camera_problems(
+    threads: Mapping[str, CaptureThread], *, now: float, oldest: float
+) -> dict[str, list[str]]:
+    """Returns what is wrong with each camera, by name; empty for a camera that works.
+
+    Args:
+        threads: The cameras' threads, by name.
+        now: The current time on the clock of the stamps [s].
+        oldest: Largest age of the newest image of a camera that works [s].
+    """
+    problems: dict[str, list[str]] = {}
+    for name, thread in threads.items():
+        found = [thread.problem] if thread.problem else []
+        age = 0.0 if thread.newest is None else now - thread.newest.stamp
+        if age > oldest:
+            found.append(f"no new image for {age:.1f} s")
+        if age < -AHEAD:
+            found.append(
+                f"its images are stamped {-age:.2f} s in the future: are the clocks synchronized?"
+            )
+        problems[name] = found
+    return problems
 
 
 def _in_one_line(error: Exception) -> str:

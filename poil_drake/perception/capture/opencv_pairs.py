@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from poil_drake.errors import CaptureError, NoImageError
+from poil_drake.errors import CaptureError, NoMoreImagesError
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.runtime.interpreter_turns import TURNS
@@ -49,7 +49,7 @@ class FilePair:
             The pair, or None if it is not due yet.
 
         Raises:
-            NoImageError: if a file has no more images.
+            NoMoreImagesError: if a file has no more images.
         """
         ahead = PATIENCE if self._ended else self._due - self._clock()
         if ahead > 0.0:
@@ -64,7 +64,7 @@ class FilePair:
                 now = self._clock()
                 return Arrival(rgb, now), Arrival(depth, now)
             self._ended = True
-        raise NoImageError(
+        raise NoMoreImagesError(
             f"{self._source}: '{self._config.rgb}' or '{self._config.depth}' has no more images.",
             remedy="Use longer files.",
         )

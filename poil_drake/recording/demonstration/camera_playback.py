@@ -4,7 +4,13 @@ import time
 
 import numpy as np
 
-from poil_drake.errors import CaptureError, DemonstrationError, InvalidValueError, NoImageError
+from poil_drake.errors import (
+    CaptureError,
+    DemonstrationError,
+    InvalidValueError,
+    NoImageError,
+    NoMoreImagesError,
+)
 from poil_drake.perception.capture.checks import check_intrinsics
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.capture.device import PATIENCE, Clock
@@ -18,25 +24,35 @@ from poil_drake.runtime.interpreter_turns import TURNS
 class CameraPlayback:
     """A `CaptureDevice` that plays back one camera of a demonstration or run log.
 
-    An image is decoded when it is due; if several are due, all but the latest are skipped. See
-    `McapPlayback` for the meaning of the stamps. The constructor does not open the file.
+    An image is decoded when it is due; if several are due, all but the latest are skipped, unless
+    every image is wanted. See `McapPlayback` for the meaning of the stamps. The constructor does
+    not open the file.
 
     Args:
         config: The file, and how to play it.
         camera: The camera's model in the scenario; its intrinsics must match the recording.
         clock: Returns the current time [s since the epoch].
+        every_image: Whether images that are due are read one after the other, even if late.
 
     Raises:
         InvalidValueError: if no file is given.
     """
 
-    def __init__(self, config: McapPlayback, *, camera: CameraModel, clock: Clock):
+    def __init__(
+        self,
+        config: McapPlayback,
+        *,
+        camera: CameraModel,
+        clock: Clock,
+        every_image: bool = False,
+    ):
         if not config.file:
             raise InvalidValueError(
                 f"McapPlayback.file of camera '{camera.name}' is empty.",
                 remedy="Set it to a demonstration or to the log of a run.",
             )
         self._config, self._camera, self._clock = config, camera, clock
+        self._every_image = every_image
         self._source = f"Camera '{camera.name}'"
         self._recording: Demonstration | None = None
         self._offsets = np.zeros(0)
@@ -71,11 +87,13 @@ class CameraPlayback:
             number = self._due(self._clock() - self._start)
         if number <= self._played:
             if self._time_of(number + 1) == np.inf:
-                raise NoImageError(
+                raise NoMoreImagesError(
                     f"{self._source}: {self._config.file} has ended.",
                     remedy="Play it in a loop (loop: true), or use a longer recording.",
                 )
             return None
+        if self._every_image:
+            number = self._played + 1
         self._played = number
         TURNS.wait()
         try:

@@ -1,6 +1,8 @@
 """The contents of a demonstration file or run log, collected without decoding its images."""
 
 import bisect
+import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from operator import itemgetter
 from pathlib import Path
@@ -14,7 +16,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.records import Attachment, Metadata
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
-from poil_drake.recording.demonstration.layout import CAMERA_TOPIC, SCENARIO_ATTACHMENT
+from poil_drake.recording.demonstration.layout import CAMERA_TOPIC, LIVE_KEY, SCENARIO_ATTACHMENT
 from poil_drake.recording.demonstration.stored_images import StoredImage
 from poil_drake.recording.mcap.message_decoders import (
     Calibration,
@@ -22,7 +24,7 @@ from poil_drake.recording.mcap.message_decoders import (
     decode_transform,
     frame_name,
 )
-from poil_drake.recording.mcap.scan import ScannedMessage, scan
+from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.sink import METADATA_RECORD
 from poil_drake.recording.mcap.timestamps import get_timestamp
 
@@ -152,11 +154,13 @@ class Contents:
 def collect(path: Path) -> Contents:
     """Reads a whole file and returns its contents, with each camera's messages sorted by stamp.
 
+    A live recording may be cut off. A warning is then logged.
+
     Raises:
         DemonstrationError: if the file or a message is damaged, or a topic has the wrong type.
     """
     contents = Contents()
-    for item in scan(path):
+    for item in _scan(path, contents):
         try:
             contents.add(item)
         except InvalidValueError as error:
@@ -167,3 +171,17 @@ def collect(path: Path) -> Contents:
             stream.sort(key=lambda image: image.stamp)
         camera.calibration.sort(key=lambda entry: entry[0])
     return contents
+
+
+def _scan(path: Path, contents: Contents) -> Iterator[ScannedMessage | Metadata | Attachment]:
+    """Scans a file; `contents` holds what was found before. Live recordings may be cut off."""
+    try:
+        yield from scan(path)
+    except CutOffError:
+        if LIVE_KEY not in contents.metadata:
+            raise
+        logging.getLogger(__name__).warning(
+            "%s is cut off: its recorder was killed, or the disk was full. All complete images "
+            "are loaded, but the end of the motion may be missing.",
+            path,
+        )

@@ -14,6 +14,8 @@ TRANSFORM_TOPIC = "/tf"
 CAMERAS_KEY = "cameras"
 LABEL_IDS_KEY = "label_ids"
 WORLD_FRAME_KEY = "world_frame"
+LIVE_KEY = "live"
+"""Marks a recording of a live event, whose metadata comes first. It may be cut off."""
 SCENARIO_ATTACHMENT = "scenario.yaml"
 
 CAMERA_TOPIC = re.compile(r"/camera/(?P<camera>[^/]+)/(?P<kind>image|depth|calibration|label)")

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 from mcap.well_known import MessageEncoding, SchemaEncoding
@@ -21,7 +22,8 @@ class McapSink:
 
     Messages are collected in chunks, and each chunk is written when it is full. Until `close`, the
     file lacks its index and footer, but its written chunks can be read, and `mcap recover` repairs
-    the file.
+    the file. After an error of the disk, nothing more is written, so that the chunks before it stay
+    readable.
 
     Args:
         stream: The file, opened for writing.
@@ -34,6 +36,7 @@ class McapSink:
         # The checksum of the data section lets a reader notice any damaged byte.
         self._writer = Writer(self._stream, chunk_size=chunk_size, enable_data_crcs=True)
         self._writer.start(library="poil_drake")
+        self._failed = False
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, str]] = {}
 
@@ -70,7 +73,11 @@ class McapSink:
         self._writer.add_attachment(0, 0, name, media_type, data)
 
     def close(self) -> None:
-        """Writes the index and footer, and closes the file."""
+        """Writes the index and footer unless writing has failed before, and closes the file."""
+        if self._failed:
+            with suppress(OSError):  # What is left in the buffer cannot be written, either.
+                self._stream.close()
+            return
         try:
             self._writer.finish()
         finally:
@@ -86,4 +93,9 @@ class McapSink:
                 f"Topic {topic} holds {known_schema} messages and cannot take a {schema} message.",
                 remedy="Use a separate topic for each type of message.",
             )
-        self._writer.add_message(channel, log_time=time, data=data, publish_time=time)
+        try:
+            self._writer.add_message(channel, log_time=time, data=data, publish_time=time)
+            self._stream.flush()  # A full chunk reaches the disk even if the process is killed.
+        except OSError:
+            self._failed = True
+            raise

@@ -1,6 +1,7 @@
 """Cameras over LCM: sends the images of simulated ones, and receives those of any."""
 
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
@@ -20,6 +21,9 @@ _LABEL_EVERY = 8
 
 _WAITING = 4
 """Capacity of the queue of unread images, which usually holds at most one."""
+
+_BACKLOG = 64
+"""Capacity of the queue if every image is wanted: two seconds at 30 images per second."""
 
 _PATIENCE = 100
 """How long `read` waits for an image [ms]; other threads run meanwhile."""
@@ -102,29 +106,31 @@ class LcmCameraFeed(LeafSystem):
 
 
 class LcmImageDevice:
-    """A `CaptureDevice` that reads the newest image from an LCM channel.
+    """A `CaptureDevice` that reads the newest image, or every image, from an LCM channel.
 
     It opens its own LCM network, so images are received and decoded on the thread that calls
     `read`, not on the thread that commands the robot. The sender sets the stamps.
     """
 
-    def __init__(self, *, url: str, channel: str, size: tuple[int, int]):
+    def __init__(self, *, url: str, channel: str, size: tuple[int, int], every_image: bool = False):
         """Stores the settings; `open` opens the channel.
 
         Args:
             url: The URL of the LCM network.
             channel: The channel of the images.
             size: (height, width) of the images [px].
+            every_image: Whether images that arrived meanwhile are read one after the other.
         """
         self._url, self._channel, self._size = url, channel, size
         self._lcm: LcmNetwork | None = None
-        self._newest: bytes | None = None
+        self._capacity = _BACKLOG if every_image else _WAITING
+        self._unread = deque[bytes](maxlen=_BACKLOG if every_image else 1)
 
     def open(self) -> None:
         """See `CaptureDevice.open`."""
-        self._newest = None
-        self._lcm = LcmNetwork(self._url, queue_capacity=_WAITING)
-        self._lcm.Subscribe(self._channel, self._receive)
+        self._unread.clear()
+        self._lcm = LcmNetwork(self._url, queue_capacity=self._capacity)
+        self._lcm.Subscribe(self._channel, self._unread.append)
 
     def read(self) -> RgbdImage | None:
         """See `CaptureDevice.read`."""
@@ -132,15 +138,11 @@ class LcmImageDevice:
             raise CaptureError(
                 f"The channel {self._channel} is not open.", remedy="Call `open` before `read`."
             )
-        self._lcm.HandleSubscriptions(_PATIENCE)
-        if self._newest is None:
+        self._lcm.HandleSubscriptions(0 if self._unread else _PATIENCE)
+        if not self._unread:
             return None
-        message, self._newest = self._newest, None
-        return decode_images(message, size=self._size)
+        return decode_images(self._unread.popleft(), size=self._size)
 
     def close(self) -> None:
         """See `CaptureDevice.close`."""
         self._lcm = None
-
-    def _receive(self, message: bytes) -> None:
-        self._newest = message

@@ -94,7 +94,9 @@ class StopRequests(LeafSystem):
 
 
 @contextmanager
-def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> Iterator[bool]:
+def terminal_stop_key(
+    switch: StopSwitch, *, keys: bytes = STOP_KEYS, stream: TextIO | None = None
+) -> Iterator[bool]:
     """Requests a stop for every stop key that is typed inside the `with` block.
 
     Inside the block the terminal is not in line mode, so keys arrive without Enter and without
@@ -103,6 +105,7 @@ def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> It
 
     Args:
         switch: Receives the requests.
+        keys: The stop keys.
         stream: The terminal; None for the standard input.
 
     Yields:
@@ -116,7 +119,9 @@ def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> It
     terminal = stream.fileno()
     modes = termios.tcgetattr(terminal)
     wake_reader, wake_writer = os.pipe()
-    thread = threading.Thread(target=_listen, args=(switch, terminal, wake_reader), daemon=True)
+    thread = threading.Thread(
+        target=_listen, args=(switch, keys, terminal, wake_reader), daemon=True
+    )
     tty.setcbreak(terminal)
     thread.start()
     try:
@@ -132,7 +137,7 @@ def terminal_stop_key(switch: StopSwitch, *, stream: TextIO | None = None) -> It
                     termios.tcsetattr(terminal, termios.TCSANOW, modes)
 
 
-def _listen(switch: StopSwitch, terminal: int, wake_reader: int) -> None:
+def _listen(switch: StopSwitch, keys: bytes, terminal: int, wake_reader: int) -> None:
     while True:
         ready, _, _ = select.select([terminal, wake_reader], [], [])
         if wake_reader in ready:
@@ -145,7 +150,7 @@ def _listen(switch: StopSwitch, terminal: int, wake_reader: int) -> None:
             switch.request()
             return
         for key in typed:
-            if key in STOP_KEYS:
+            if key in keys:
                 switch.request()
 
 

@@ -24,7 +24,6 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import PoilError
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.reports.run_summary import RunSummary
-from poil_drake.systems.disturbance_injector import Pulse
 from poil_drake.systems.skill import sequencer as skill_sequencer
 
 SCRIPT = Path(__file__).parent / "stopped_run.py"
@@ -133,9 +132,10 @@ def test_a_fault_is_in_every_output(failed_run: tuple[RunSummary, OutputPaths]) 
 
 
 def test_disturbances_are_logged_with_their_bodies(tmp_path: Path) -> None:
-    pulse = Pulse(body="mug::body", start=0.125, duration=0.125, force=(0.0, 0.5, 0.0))
+    pulse = "{body: 'mug::body', start: 1/8, duration: 1/8, force: [0, 0.5, 0]}"
+    scenario = short_scenario(f"{{poil: {{disturbances: [{pulse}]}}}}")
     with RunLogWriter(tmp_path / "run.mcap") as log:
-        loop = MakeClosedLoop(short_scenario(), short_plan(), log=log, disturbances=[pulse])
+        loop = MakeClosedLoop(scenario, short_plan(), log=log)
         Simulator(loop.diagram).AdvanceTo(0.5)
 
     records = read_log(tmp_path / "run.mcap")["/disturbances/status"]

@@ -135,8 +135,8 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ),
         (
             "{cameras: {left: {X_PB: {translation: !Uniform {min: [1, 2, 3]}}}}}",
-            "X_PB.translation' is '!Uniform', but a list of numbers or a mapping with one of the "
-            "tags !DeterministicVector, !GaussianVector, !UniformVector is needed",
+            "X_PB.translation' is '!Uniform', but a list of finite numbers or a mapping with one "
+            "of the tags !DeterministicVector, !GaussianVector, !UniformVector is needed",
         ),
         (
             "{cameras: {left: {X_PB: {translation: !UniformVector {min: [1, 2], max: [3, 4]}}}}}",
@@ -167,6 +167,14 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{lcm_buses: {lab: {lcm_url: 'udpm://hello'}}}", "buses.lab.lcm_url is 'udpm://hello'"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://239.255.76.67:99999'}}}", "lcm_buses.lab.lcm_url is"),
         ("{lcm_buses: {lab: {lcm_url: 'udpm://10.0.0.1:7667'}}}", "lcm_buses.lab.lcm_url is"),
+        (
+            "{poil: {disturbances: [{body: 'mug::body', start: 1}]}}",
+            r"ances\[0\]' has no 'duration'",
+        ),
+        (
+            "{poil: {disturbances: [{body: 'mug::body', start: 1, duration: 0}]}}",
+            r"poil.disturbances\[0\]: The duration of the pulse on 'mug::body' is 0.0 s",
+        ),
         ("{poil: {parts: {'': body}}}", "A key of poil.parts is empty"),
         ("{directives: [{add_model: mug}]}", r"add_model' is 'mug', but a mapping \(AddModel\)"),
         ("{plant_config: {time_step: 0.1}}", "time_step is 0.1 s, but poil.rates.plant"),

@@ -144,6 +144,10 @@ def test_a_wrong_robot_is_refused() -> None:
             "{poil: {demonstration_motion: {hanging: {rod: hook}}}}",
             r"rod is 'hook', but the fixture 'rack' has.*links \(rod, stand\).*\(base, post, rod\)",
         ),
+        (
+            "{poil: {disturbances: [{body: 'mugg::body', start: 1, duration: 1}]}}",
+            "'mugg::body', but the plant has no body.*mug::body",
+        ),
         ("{model_drivers: {pandy: {}}}", "model_drivers names 'pandy'.*'panda'"),
         ("{plant_config: {contact_model: soft}}", "plant_config .*'soft'"),
         ("{plant_config: {stiction_tolerance: -1}}", "plant_config cannot be used: Drake requires"),

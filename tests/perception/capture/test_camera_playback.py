@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from capture_bench import SettableClock
 
-from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
+from poil_drake.errors import CaptureError, InvalidValueError, NoImageError, NoMoreImagesError
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.camera_playback import CameraPlayback
@@ -40,13 +40,16 @@ def write_log(folder: Path, *, labelled: Sequence[int]) -> str:
     return str(path)
 
 
-def play(file: str, *, steps: int, step: float, **config: object) -> list[tuple[int, float]]:
+def play(
+    file: str, *, steps: int, step: float, every_image: bool = False, **config: object
+) -> list[tuple[int, float]]:
     """Reads every `step` [s], and returns the images and their stamps since the start."""
     clock = SettableClock(1000.0)
     dut = CameraPlayback(
         McapPlayback(file=file, lead_in=1.0, labels=False, **config),  # type: ignore[arg-type]
         camera=CAMERA,
         clock=clock,
+        every_image=every_image,
     )
     dut.open()
     clock.now = 1001.0
@@ -71,8 +74,9 @@ def play(file: str, *, steps: int, step: float, **config: object) -> list[tuple[
         (6, PERIOD, {"loop": True}, [(k % 4 + 1, k * PERIOD) for k in range(6)]),
         (4, PERIOD / 2, {"rate": 2.0}, [(k + 1, k * PERIOD / 2) for k in range(4)]),
         (2, 2 * PERIOD, {}, [(1, 0.0), (3, 0.25)]),
+        (3, 2 * PERIOD, {"every_image": True}, [(1, 0.0), (2, 0.125), (3, 0.25)]),
     ],
-    ids=["once", "in a loop", "twice as fast", "without late images"],
+    ids=["once", "in a loop", "twice as fast", "without late images", "with late images"],
 )
 def test_it_plays_in_real_time(
     log: str, steps: int, step: float, config: dict, expected: list[tuple[int, float]]
@@ -86,7 +90,7 @@ def test_the_end_of_the_file_is_reported(log: str, clock: SettableClock) -> None
     clock.now = 1010.0
     assert dut.read() is not None
 
-    with pytest.raises(NoImageError, match=r"'left'.*run\.mcap has ended"):
+    with pytest.raises(NoMoreImagesError, match=r"'left'.*run\.mcap has ended"):
         dut.read()
 
 

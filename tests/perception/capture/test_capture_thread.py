@@ -4,7 +4,7 @@ from collections.abc import Iterator
 import pytest
 from capture_bench import SIZE, TIMEOUT, ScriptedDevice, image
 
-from poil_drake.errors import CaptureError, NoImageError
+from poil_drake.errors import CaptureError, NoImageError, NoMoreImagesError
 from poil_drake.perception.capture import capture_thread
 from poil_drake.perception.capture.capture_thread import CaptureThread
 from poil_drake.perception.images import RgbdImage
@@ -48,6 +48,22 @@ def test_the_newest_image_is_kept(device: ScriptedDevice, dut: CaptureThread) ->
 
     assert dut.newest is images[-1]
     assert (dut.count, dut.problem) == (3, "")
+
+
+def test_every_usable_image_is_passed_on_and_the_others_are_counted(
+    device: ScriptedDevice,
+) -> None:
+    found: list[RgbdImage] = []
+    dut = CaptureThread(device, name="left", size=SIZE, on_image=found.append)
+    images = [image(1.0), image(2.0), image(4.0)]
+    ended = NoMoreImagesError("The file has ended.", remedy="Loop it.")
+
+    dut.start()
+    device.feed(*images[:2], GARBAGE, image(2.0), image(3.0, depth=0.0), images[2], ended, ended)
+    dut.close()
+
+    assert found == images
+    assert (dut.count, dut.unusable) == (3, 3)
 
 
 def test_one_daemon_thread_with_the_cameras_name_calls_the_device_until_close(

@@ -5,7 +5,12 @@ import numpy as np
 import pytest
 from capture_bench import SettableClock
 
-from poil_drake.errors import CaptureError, InvalidValueError, NoImageError
+from poil_drake.errors import (
+    CaptureError,
+    InvalidValueError,
+    NoImageError,
+    NoMoreImagesError,
+)
 from poil_drake.perception.capture.config import OpenCvStreams
 from poil_drake.perception.capture.opencv_streams import OpenCvStreamsDevice
 from poil_drake.perception.images import CameraModel
@@ -66,7 +71,7 @@ def test_files_are_read_at_their_rate_to_their_end(
     clock.now += 0.125
 
     for _ in range(2):
-        with pytest.raises(NoImageError, match=r"'left'.*no more images"):
+        with pytest.raises(NoMoreImagesError, match=r"'left'.*no more images"):
             dut.read()
 
 

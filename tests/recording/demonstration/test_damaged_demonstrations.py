@@ -9,6 +9,7 @@ from small_frames import make_frame
 from poil_drake.errors import DemonstrationError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
+from poil_drake.recording.mcap.message_encoder import ColorEncoding
 
 COUNT = 4
 
@@ -35,6 +36,34 @@ def test_a_cut_off_file_is_refused(recording, fraction):
 
     with pytest.raises(DemonstrationError, match=r"damaged\.mcap is (empty|cut off.*mcap recover)"):
         load_all(path)
+
+
+@pytest.fixture(scope="module")
+def live_recording(tmp_path_factory):
+    """A live recording, and a place for its first part."""
+    directory = tmp_path_factory.mktemp("live")
+    path = directory / "live.mcap"
+    with DemonstrationWriter(path, ["top"], {}, live=True, color=ColorEncoding(format="raw")) as w:
+        for i in range(40):
+            w.write(make_frame(i, ("top",)))
+    return path.read_bytes(), directory / "damaged.mcap", load_all(path)
+
+
+@settings(max_examples=60)
+@given(fraction=st.floats(0.0, 1.0, exclude_max=True))
+def test_what_is_left_of_a_live_recording_is_loaded(live_recording, fraction):
+    whole, path, images = live_recording
+    path.write_bytes(whole[: int(fraction * len(whole))])
+
+    try:
+        left = load_all(path)
+    except DemonstrationError:
+        left = []
+    # A chunk holds 64 kB before compression, which is 16 images.
+    assert len(left) >= 40 * fraction - 20
+    for found, wanted in zip(left, images, strict=False):
+        np.testing.assert_array_equal(found.rgb, wanted.rgb)
+        np.testing.assert_array_equal(found.depth, wanted.depth)
 
 
 @settings(max_examples=150)

@@ -151,7 +151,12 @@ def test_images_of_the_channel_are_read(dut: LcmImageDevice, url: str) -> None:
     assert found.stamp == 1.0
 
 
-def test_of_three_queued_images_the_newest_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("every_image", "stamps"), [(False, [3.0, None, None]), (True, [1.0, 2.0, 3.0])]
+)
+def test_of_three_queued_images_the_newest_or_every_one_is_read(
+    monkeypatch: pytest.MonkeyPatch, every_image: bool, stamps: list[float | None]
+) -> None:
     networks: list[LcmNetwork] = []
 
     class Kept(LcmNetwork):
@@ -161,15 +166,15 @@ def test_of_three_queued_images_the_newest_is_read(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(lcm_cameras, "LcmNetwork", Kept)
     # In memory, so that all three are queued before the first is read.
-    dut = LcmImageDevice(url="memq://", channel="CAMERA", size=(H, W))
+    monkeypatch.setattr(lcm_cameras, "_PATIENCE", 100)
+    dut = LcmImageDevice(url="memq://", channel="CAMERA", size=(H, W), every_image=every_image)
     dut.open()
     for stamp in (1.0, 2.0, 3.0):
         networks[0].Publish("CAMERA", message(stamp))
 
-    found = dut.read()
+    found = [dut.read() for _ in stamps]
 
-    assert found is not None
-    assert found.stamp == 3.0
+    assert [None if image is None else image.stamp for image in found] == stamps
 
 
 def test_a_silent_channel_has_no_image(

@@ -58,7 +58,12 @@ def ImageChannel(source: LcmImages, camera: str) -> str:
 
 
 def MakeCaptureDevice(
-    source: CameraSource, scenario: Scenario, camera: CameraModel, *, clock: Clock
+    source: CameraSource,
+    scenario: Scenario,
+    camera: CameraModel,
+    *,
+    clock: Clock,
+    every_image: bool = False,
 ) -> CaptureDevice:
     """Returns the device that captures a camera's images.
 
@@ -67,6 +72,8 @@ def MakeCaptureDevice(
         scenario: Defines the LCM networks.
         camera: The camera's model.
         clock: Returns the current time [s since the epoch].
+        every_image: Whether a device that is read late delivers every image rather than the newest,
+            if it can: LCM images and recordings. Other devices have their own queues.
 
     Raises:
         PoilError: if the device cannot be used.
@@ -76,9 +83,10 @@ def MakeCaptureDevice(
             url=BusUrl(scenario, scenario.poil.hardware.image_bus, IMAGE_BUS_URL),
             channel=ImageChannel(source, camera.name),
             size=(camera.height, camera.width),
+            every_image=every_image,
         )
     if isinstance(source, McapPlayback):
-        return CameraPlayback(source, camera=camera, clock=clock)
+        return CameraPlayback(source, camera=camera, clock=clock, every_image=every_image)
     return make_device(source, camera=camera, clock=clock)
 
 

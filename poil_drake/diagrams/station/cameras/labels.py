@@ -12,6 +12,8 @@ from poil_drake.diagrams.scenario.models import (
     PartGeometries,
     model_names,
 )
+from poil_drake.diagrams.scenario.poil_config import PartRegion
+from poil_drake.diagrams.station.cameras.part_regions import SeparateParts
 from poil_drake.errors import ScenarioError
 
 
@@ -19,7 +21,7 @@ def AssignLabels(
     *,
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
-    parts: Mapping[str, Mapping[str, str]],
+    parts: Mapping[str, Mapping[str, str | PartRegion]],
 ) -> dict[str, tuple[int, ...]]:
     """Gives every model instance and every named part its own render label.
 
@@ -28,8 +30,9 @@ def AssignLabels(
     Args:
         plant: The plant with all models.
         scene_graph: The plant's scene graph.
-        parts: Model instance -> part -> name of the part's link, or a regular expression for the
-            whole names of the part's geometries, without the model's scope.
+        parts: Model instance -> part -> name of the part's link, a regular expression for the
+            whole names of the part's geometries, without the model's scope, or a region of the
+            model's visual meshes. Meshes that reach into a region are split there.
 
     Returns:
         Name -> labels. "mug" has all labels of the model, and "mug/handle" those of the part.
@@ -45,12 +48,13 @@ def AssignLabels(
             f"The scenario names parts of the model '{unknown}', which no directive adds.",
             remedy=f"Choose one of: {', '.join(models)}.",
         )
-    inspector = scene_graph.model_inspector()
     for model in models:
+        patterns = SeparateParts(plant, scene_graph, model, parts.get(model, {}))
+        inspector = scene_graph.model_inspector()
         geometries = ModelGeometries(plant, inspector, model, Role.kPerception)
         assigned = {
             part: _geometries_of_part(geometries, pattern, model=model, part=part)
-            for part, pattern in parts.get(model, {}).items()
+            for part, pattern in patterns.items()
         }
         taken: dict[GeometryId, str] = {}
         for part, found in assigned.items():

@@ -23,7 +23,7 @@ from poil_drake.diagrams.station.hardware.panda_hardware import AddPandaHardware
 from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant, PrefinalizeCallback
 from poil_drake.errors import StationError
-from poil_drake.perception.capture.capture_thread import CaptureThread
+from poil_drake.perception.capture.capture_thread import AHEAD, CaptureThread, camera_problems
 from poil_drake.perception.images import RgbdImage
 from poil_drake.systems.cameras.captured_cameras import CapturedCameras
 from poil_drake.systems.capture_timing import Worker
@@ -42,9 +42,6 @@ _LISTEN = 0.05
 
 _LOOK = 0.01
 """Time between two checks for messages and images while waiting for them [s]."""
-
-_AHEAD = 0.02
-"""Images stamped farther in the future than this [s] show that the clocks differ."""
 
 _REST = 1.5
 """How long to send zero velocities after braking, as a multiple of the driver's command expiry."""
@@ -247,7 +244,7 @@ class HardwareStation(Station):
         for name, thread in self._threads.items():
             if thread.newest is None or thread.newest.stamp < time:
                 missing.append(f"an image of the camera '{name}'")
-            elif thread.newest.stamp > now + _AHEAD:
+            elif thread.newest.stamp > now + AHEAD:
                 missing.append(f"an image of the camera '{name}' that is not stamped in the future")
         status = self._robot.arm.newest
         if status is not None and status.mode is not RobotMode.MOVE:
@@ -281,17 +278,8 @@ class HardwareStation(Station):
             *MailboxProblems(self._robot.hand, channels.hand_status, expiry),
         ]
         now, oldest = self._clock(), self.scenario.poil.safety.image_age_limit
-        for name, thread in self._threads.items():
-            if thread.problem:
-                found.append(f"camera '{name}': {thread.problem}")
-            age = 0.0 if thread.newest is None else now - thread.newest.stamp
-            if age > oldest:
-                found.append(f"camera '{name}': no new image for {age:.1f} s")
-            if age < -_AHEAD:
-                found.append(
-                    f"camera '{name}': its images are stamped {-age:.2f} s in the future: are the "
-                    "clocks synchronized?"
-                )
+        for name, problems in camera_problems(self._threads, now=now, oldest=oldest).items():
+            found += [f"camera '{name}': {problem}" for problem in problems]
         return tuple(found)
 
     def _wait(self, deadline: float, missing: Sequence[str]) -> None:
