@@ -100,7 +100,11 @@ def calibrate_cameras(
     beside it shows the errors.
     """
     from poil_drake.diagrams.calibration.calibration_file import RequireCalibrationPath
-    from poil_drake.diagrams.calibration.camera_calibration import CalibrateCameras, TakeViews
+    from poil_drake.diagrams.calibration.camera_calibration import (
+        CalibrateCameras,
+        ChooseCameras,
+        TakeViews,
+    )
 
     chosen = choose_scenario(scenario, scenario_name, scenario_text)
     board = _board(squares, square, marker, dictionary)
@@ -108,8 +112,17 @@ def calibrate_cameras(
     for path in (output, picture):
         require_writable(path, inputs=(chosen.source.file,))
     RequireCalibrationPath(output)
+    wanted = ChooseCameras(chosen, names(cameras), keep)
     if hardware:
-        TakeViews(chosen, views, board, on_hand=keep is None, ask=_ask, say=typer.echo)
+        TakeViews(
+            chosen,
+            views,
+            board,
+            cameras=wanted,
+            on_hand=keep is None,
+            ask=_ask,
+            say=typer.echo,
+        )
     result = CalibrateCameras(
         chosen,
         views,

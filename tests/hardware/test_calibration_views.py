@@ -11,7 +11,7 @@ from textured_board import BOARD, board_scenario, postures, render_views, write_
 from poil_drake.diagrams.calibration.camera_calibration import TakeViews
 from poil_drake.diagrams.calibration.camera_check import ExamineCameras
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.errors import CalibrationError, StationError
+from poil_drake.errors import StationError
 from poil_drake.perception.calibration.view_folder import load_views
 
 
@@ -27,28 +27,36 @@ def test_a_view_holds_the_cameras_images_and_the_arms_posture(
     arrays |= {f"{name}.label": depth.astype(np.int16) for name in truth.images}
     np.savez(tmp_path / "pictures.npz", **arrays)
     cell = hardware_scenario(scenario, time_scale=SLOWEST)
-    answers, said = iter([True, True, False]), list[str]()
+    said: list[str] = []
 
-    with stand_in(cell, tmp_path / "pictures.npz", tmp_path, position=q[0]) as robot:
-        taken = TakeViews(
+    def take(*answers: bool) -> None:
+        rest = iter(answers)
+        TakeViews(
             cell,
             tmp_path / "views",
             BOARD,
+            cameras=["left", "right"],
             on_hand=True,
-            ask=lambda prompt: next(answers),
+            ask=lambda prompt: next(rest),
             say=said.append,
         )
+
+    with stand_in(cell, tmp_path / "pictures.npz", tmp_path, position=q[0]) as robot:
+        take(True, True, False)
+        take(True, False)
     record = robot.finish()
 
-    assert taken == 2
-    assert all(line.startswith("  corners: left ") for line in said)
-    for view in load_views(tmp_path / "views", models, on_hand=True):
+    corners = [line for line in said if line.startswith("  corners: left ")]
+    (note,) = [line for line in said if line not in corners]
+    assert len(corners) == 3
+    assert "has 2 views, to which new ones are added" in note
+    views = load_views(tmp_path / "views", models, on_hand=True)
+    assert [view.name for view in views] == ["00", "01", "02"]
+    for view in views:
         np.testing.assert_allclose(view.q, q[0], atol=1e-8)
         for name, image in truth.images.items():
             np.testing.assert_array_equal(view.images[name], image)
     assert record["commanded"] == []
-    with pytest.raises(CalibrationError, match="has views already"):
-        TakeViews(cell, tmp_path / "views", BOARD, on_hand=True, ask=lambda prompt: False)
 
 
 def test_the_real_cameras_depth_is_examined_without_commands(
@@ -65,17 +73,18 @@ def test_the_real_cameras_depth_is_examined_without_commands(
     assert record["commanded"] == []
 
 
-def test_a_silent_robot_is_named_although_its_cameras_are_not_needed_yet(
-    scenario: Scenario, tmp_path: Path
+@pytest.mark.parametrize(
+    ("cameras", "on_hand", "missing"),
+    [
+        (["left", "right"], True, "the robot's status on PANDA_STATUS"),
+        # A loose board needs no robot, and a camera that takes no part is not waited for.
+        (["right"], False, r"an image of the camera 'right'\. "),
+    ],
+)
+def test_what_sends_nothing_is_named(
+    scenario: Scenario, tmp_path: Path, cameras: list[str], on_hand: bool, missing: str
 ) -> None:
     cell = hardware_scenario(scenario, ready_timeout=0.05)
 
-    with pytest.raises(StationError, match=r"still missing: the robot's status on PANDA_STATUS"):
-        TakeViews(cell, tmp_path, BOARD, on_hand=True, ask=lambda prompt: True)
-
-
-def test_a_loose_board_needs_no_robot(scenario: Scenario, tmp_path: Path) -> None:
-    cell = hardware_scenario(scenario, ready_timeout=0.05)
-
-    with pytest.raises(StationError, match=r"still missing: an image of the camera 'left'"):
-        TakeViews(cell, tmp_path / "views", BOARD, on_hand=False, ask=lambda prompt: True)
+    with pytest.raises(StationError, match=f"still missing: {missing}"):
+        TakeViews(cell, tmp_path, BOARD, cameras=cameras, on_hand=on_hand, ask=lambda prompt: True)

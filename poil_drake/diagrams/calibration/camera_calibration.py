@@ -1,6 +1,7 @@
 """Calibrates a scenario's cameras from views of a board."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,71 +25,92 @@ _STILL = 1e-3
 """Largest motion of a joint while a view is taken [rad]: 1 mm at the hand."""
 
 
+def ChooseCameras(scenario: Scenario, names: Sequence[str], kept: str | None) -> tuple[str, ...]:
+    """Returns the names of the cameras that take part in a calibration, in the scenario's order.
+
+    Args:
+        scenario: The scenario.
+        names: The cameras to calibrate; empty for all.
+        kept: The camera whose pose is kept, which takes part as well; None for none.
+
+    Raises:
+        ScenarioError: if the scenario has no such camera, or none at all.
+    """
+    wanted = {*(names or scenario.cameras), *([] if kept is None else [kept])}
+    if not wanted:
+        raise ScenarioError("The scenario has no cameras.", remedy="Define them under 'cameras'.")
+    if unknown := wanted - scenario.cameras.keys():
+        raise ScenarioError(
+            f"The scenario has no camera '{min(unknown)}'.",
+            remedy=f"Choose from: {', '.join(scenario.cameras)}.",
+        )
+    return tuple(name for name in scenario.cameras if name in wanted)
+
+
 def TakeViews(
     scenario: Scenario,
     folder: Path,
     board: CalibrationBoard,
     *,
+    cameras: Sequence[str],
     on_hand: bool,
     ask: Callable[[str], bool],
     say: Callable[[str], None] = print,
-) -> int:
-    """Takes views of a board with a scenario's real cameras, and saves them in a folder.
+) -> None:
+    """Takes views of a board with a scenario's real cameras, and adds them to a folder.
 
     Nothing is sent to the robot. A view is saved at once, if at least one camera sees the board.
 
     Args:
-        scenario: Names the cameras and the robot's network.
-        folder: The folder, which must have no views yet.
+        scenario: Describes the cameras and the robot's network.
+        folder: The folder.
         board: The board.
+        cameras: Names of the cameras that take views.
         on_hand: Whether the robot's hand holds the board, so that its joint positions are needed.
         ask: Waits until the user wants the next view; returns False to end. Called with a prompt.
         say: Called with a line for each view.
 
-    Returns:
-        The number of views.
-
     Raises:
-        CalibrationError: if the folder has views.
         PoilError: if a camera or the robot sends nothing.
     """
-    if any(folder.glob("*_*.png")):
-        raise CalibrationError(
-            f"The folder '{folder}' has views already.",
-            remedy="Choose another one with --views, or calibrate from it without --hardware.",
+    names = {path.stem.partition("_")[0] for path in folder.glob("*_*.png")}
+    if names:
+        say(
+            f"'{folder}' has {len(names)} views, to which new ones are added; remove them if the "
+            "cameras, or the board on the hand, have moved since"
         )
-    taken = 0
+    number = max((int(name) + 1 for name in names if name.isdecimal()), default=0)
     # No `with` block: that would wait until the robot can be commanded, but a person moves it.
-    station = MakeStation(scenario, hardware=True, dry_run=True)
+    station = MakeStation(_with_cameras(scenario, cameras), hardware=True, dry_run=True)
     try:
         station.Start()
         context = station.CreateDefaultContext()
-        while ask(f"view {taken}: Enter takes it, q ends"):
+        while ask(f"view {number:02d}: Enter takes it, q ends"):
             q = station.ArmPosition(context) if on_hand else None
-            images = station.TakeImages(context)
+            taken = station.TakeImages(context)
             if q is not None and np.abs(station.ArmPosition(context) - q).max() > _STILL:
                 say("  not taken: the arm moves")
                 continue
-            found = {
-                name: board.detect(image.rgb)
-                for name, image in zip(station.camera_names, images, strict=True)
-            }
-            counts = [
-                f"{name} {0 if corners is None else len(corners[0])} of {len(board.corners)}"
-                for name, corners in found.items()
-            ]
-            say(f"  corners: {', '.join(counts)}")
-            if not any(found.values()):
+            images = dict(zip(station.camera_names, (i.rgb for i in taken), strict=True))
+            found = {name: board.detect(image) for name, image in images.items()}
+            counts = {name: 0 if c is None else len(c[0]) for name, c in found.items()}
+            seen = ", ".join(f"{name} {n} of {len(board.corners)}" for name, n in counts.items())
+            if not any(counts.values()):
                 say("  not taken: no camera sees the board")
                 continue
-            colors = {
-                name: image.rgb for name, image in zip(station.camera_names, images, strict=True)
-            }
-            save_view(folder, View(f"{taken:02d}", colors, q))
-            taken += 1
+            save_view(folder, View(f"{number:02d}", images, q))
+            number += 1
+            say(f"  corners: {seen}")
     finally:
         station.Close()
-    return taken
+
+
+def _with_cameras(scenario: Scenario, names: Sequence[str]) -> Scenario:
+    """Returns a scenario with these cameras only."""
+    hardware = scenario.poil.hardware
+    sources = {name: source for name, source in hardware.cameras.items() if name in names}
+    poil = replace(scenario.poil, hardware=replace(hardware, cameras=sources))
+    return replace(scenario, cameras={n: scenario.cameras[n] for n in names}, poil=poil)
 
 
 def CalibrateCameras(
@@ -116,17 +138,10 @@ def CalibrateCameras(
     Raises:
         PoilError: if the scenario or the views are unusable.
     """
+    names = ChooseCameras(scenario, cameras, kept)
     station = MakeStation(scenario, cameras=False)
     everything = MakeCameraModels(station.plant(), scenario.cameras)
-    for name in (*cameras, *([kept] if kept is not None else [])):
-        if name not in scenario.cameras:
-            raise ScenarioError(
-                f"The scenario has no camera '{name}'.",
-                remedy=f"Choose from: {', '.join(scenario.cameras)}.",
-            )
-    chosen = [model for model in everything if not cameras or model.name in (*cameras, kept)]
-    if not chosen:
-        raise ScenarioError("The scenario has no cameras.", remedy="Add the key 'cameras'.")
+    chosen = [model for model in everything if model.name in names]
     loaded = _load(views, chosen, board, on_hand=kept is None)
     found = [
         BoardView(model.name, number, *corners, name=f"{view.name}_{model.name}")
