@@ -95,8 +95,10 @@ def _draw_errors(
     limit = 1.1 * max(float(np.abs(error).max()) for error in kept)
     axis.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect="equal", xlabel="error [px]")
     axis.grid(alpha=0.3)
-    axis.set_title(
-        f"RMS {found.rms:.2f} px, standard error\n{1e3 * found.position_error:.2f} mm, "
-        f"{np.rad2deg(found.rotation_error):.3f} deg",
-        fontsize=9,
-    )
+    how = "pose kept"
+    if found.position_error > 0.0:
+        how = (
+            f"standard error {1e3 * found.position_error:.2f} mm, "
+            f"{np.rad2deg(found.rotation_error):.3f} deg"
+        )
+    axis.set_title(f"RMS {found.rms:.2f} px\n{how}", fontsize=9)
