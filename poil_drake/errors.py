@@ -65,6 +65,10 @@ class NoImageError(CaptureError):
     """A camera that is open delivers an unusable image, or has no more images."""
 
 
+class CalibrationError(PoilError):
+    """Views of a calibration board are unusable, or do not determine the cameras' poses."""
+
+
 class NoMoreImagesError(NoImageError):
     """A recording that stands in for a camera has ended."""
 

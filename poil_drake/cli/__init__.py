@@ -3,6 +3,7 @@
 import signal
 import sys
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any
 
@@ -11,12 +12,23 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from poil_drake import __version__
-from poil_drake.cli import skill
+from poil_drake.cli import options, skill
 from poil_drake.cli.bench import bench_app
+from poil_drake.cli.calibrate import calibrate_app
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
-_VERBS = ("doctor", "run", "demo", "transfer", "execute", "replay", "driver", "bench")
+_VERBS = (
+    "doctor",
+    "run",
+    "demo",
+    "transfer",
+    "execute",
+    "replay",
+    "calibrate",
+    "driver",
+    "bench",
+)
 
 
 class _OrderOfWork(TyperGroup):
@@ -34,6 +46,7 @@ app = typer.Typer(
 )
 demo_app = typer.Typer(no_args_is_help=True, help="Record, import and show demonstrations.")
 app.add_typer(demo_app, name="demo")
+app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(bench_app, name="bench")
 demo_app.command("record")(skill.demo_record)
 demo_app.command("import")(skill.demo_import)
@@ -68,11 +81,40 @@ def poil(
 
 
 @app.command()
-def doctor() -> None:
-    """Check this machine, and print how to install what is missing."""
-    from poil_drake.reports.doctor import Examine
+def doctor(
+    scenario: options.ScenarioArgument = None,
+    cameras: Annotated[
+        bool,
+        typer.Option("--cameras", help="Check the depth of the scenario's cameras instead."),
+    ] = False,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="With --cameras: the real ones, not rendered ones.")
+    ] = False,
+    recording: Annotated[
+        Path | None,
+        typer.Option("--recording", help="With --cameras: those of a recording's first frame."),
+    ] = None,
+    scenario_name: options.ScenarioName = None,
+    scenario_text: options.ScenarioText = None,
+) -> None:
+    """Check this machine, or a scenario's cameras, and print what to do about it.
 
-    rows = Examine()
+    With --cameras, each camera's depth is compared with the table at poil.table_height, and with
+    the other cameras' depth.
+    """
+    if cameras:
+        from poil_drake.diagrams.calibration.camera_check import ExamineCameras
+
+        if hardware and recording is not None:
+            raise typer.BadParameter("--hardware and --recording exclude each other.")
+        chosen = options.choose_scenario(scenario, scenario_name, scenario_text)
+        rows = ExamineCameras(chosen, hardware=hardware, recording=recording)
+    else:
+        from poil_drake.reports.doctor import Examine
+
+        if hardware or any(v is not None for v in (scenario, recording, scenario_text)):
+            raise typer.BadParameter("A scenario and its options need --cameras.")
+        rows = Examine()
     for row in rows:
         typer.echo(f"{'ok ' if row.ok else 'NO '} {row.name:<12} {row.found}")
         if not row.ok:

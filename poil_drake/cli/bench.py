@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from poil_drake.cli.options import Seed, Tracker
+from poil_drake.cli.options import Seed, Tracker, names
 from poil_drake.runtime.output_files import require_writable
 
 bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
@@ -26,11 +26,6 @@ Ray = Annotated[
 ]
 
 
-def _names(text: str | None) -> tuple[str, ...]:
-    """Returns the names in a comma-separated list; an empty tuple for None."""
-    return tuple(name.strip() for name in (text or "").split(",") if name.strip())
-
-
 @bench_app.command("pipeline")
 def bench_pipeline(
     tasks: Annotated[str, typer.Option("--tasks", help="Comma-separated: hang_mug.")] = "hang_mug",
@@ -48,7 +43,7 @@ def bench_pipeline(
     MakeScenarioTracker(ChooseScenario(tracker=tracker).poil)
     require_writable(json)
     run_pipeline_benchmark(
-        tasks=_names(tasks) or ("hang_mug",),
+        tasks=names(tasks) or ("hang_mug",),
         trials=trials,
         jobs=jobs,
         tracker=tracker,
@@ -106,8 +101,8 @@ def bench_control(
 
     default = ControlStudyConfig()
     config = ControlStudyConfig(
-        tasks=_names(tasks) or default.tasks,
-        policies=_names(policies) or default.policies,
+        tasks=names(tasks) or default.tasks,
+        policies=names(policies) or default.policies,
         trials=trials,
         hard=hard,
         seed=seed,

@@ -27,6 +27,11 @@ def positive(value: float | None) -> float | None:
     return value
 
 
+def names(text: str | None) -> tuple[str, ...]:
+    """Returns the names in a comma-separated list; an empty tuple for None."""
+    return tuple(name.strip() for name in (text or "").split(",") if name.strip())
+
+
 ScenarioArgument = Annotated[
     Path | None,
     typer.Argument(help="Scenario file (YAML). Default: the package's, which hangs a mug."),

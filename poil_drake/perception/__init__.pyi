@@ -1,3 +1,10 @@
+from .calibration.board import BoardConfig as BoardConfig
+from .calibration.board import CalibrationBoard as CalibrationBoard
+from .calibration.camera_poses import CalibrationResult as CalibrationResult
+from .calibration.camera_poses import calibrate_cameras as calibrate_cameras
+from .calibration.depth_check import DepthCheck as DepthCheck
+from .calibration.depth_check import check_depth as check_depth
+from .calibration.first_guess import BoardView as BoardView
 from .images import CameraModel as CameraModel
 from .images import MultiViewFrame as MultiViewFrame
 from .images import RgbdImage as RgbdImage

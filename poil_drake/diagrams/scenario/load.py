@@ -32,7 +32,12 @@ _URLS = (
     "poil.demonstration_object",
     "poil.randomization.models.*",
 )
-_FILES = ("poil.demonstration", "poil.packages.*", "poil.hardware.cameras.*.file")
+_FILES = (
+    "poil.demonstration",
+    "poil.calibration",
+    "poil.packages.*",
+    "poil.hardware.cameras.*.file",
+)
 
 
 def default_scenario_file() -> Path:
@@ -70,13 +75,45 @@ def LoadScenario(
         path = Path(filename)
         name, node = _named_scenario(_read(path), scenario_name, path)
         node = _with_absolute_paths(node, path.resolve().parent)
-        scenario = merge_yaml(node, Scenario, scenario, unknown=unknown)
+        scenario = _with_calibration(merge_yaml(node, Scenario, scenario, unknown=unknown))
         source = ScenarioSource(name=name, file=str(path))
         scenario = dataclasses.replace(scenario, source=source)
     if data is not None:
         node = _with_absolute_paths(_parse(data, "The scenario text"), Path.cwd())
-        scenario = merge_yaml(node, Scenario, scenario)
+        scenario = _with_calibration(merge_yaml(node, Scenario, scenario))
     return scenario
+
+
+def _with_calibration(scenario: Scenario) -> Scenario:
+    """Merges the file `poil.calibration` into the cameras, and removes the key.
+
+    Logs of runs hold the scenario's text, which must not depend on a file that may change.
+    """
+    path = scenario.poil.calibration
+    if not path:
+        return scenario
+    if not Path(path).is_file():
+        raise ScenarioError(
+            f"poil.calibration is '{path}', which does not exist.",
+            remedy="Write it with `poil calibrate cameras`, for which the key must be removed "
+            "once, or name another file.",
+        )
+    node = _read(Path(path))
+    cameras = node.get("cameras") if isinstance(node, dict) else None
+    if not isinstance(cameras, dict) or len(node) > 1:
+        raise ScenarioError(
+            f"poil.calibration is '{path}', which is not a file of camera poses.",
+            remedy="Name a file that `poil calibrate cameras` wrote; its only key is 'cameras'.",
+        )
+    if extra := cameras.keys() - scenario.cameras.keys():
+        raise ScenarioError(
+            f"poil.calibration is '{path}', which has the camera '{min(extra)}', but the scenario "
+            "does not.",
+            remedy=f"The scenario's cameras are: {', '.join(scenario.cameras)}. Calibrate them, or "
+            "remove the camera from the file.",
+        )
+    scenario = merge_yaml(node, Scenario, scenario)
+    return dataclasses.replace(scenario, poil=_changed(scenario.poil, calibration=""))
 
 
 def ChooseScenario(

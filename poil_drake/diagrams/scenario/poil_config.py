@@ -253,6 +253,8 @@ class PoilConfig:
             convex hull: "decompose" replaces them by convex pieces, "hull" keeps the hull, and None
             refuses them.
         table_height: Height of the plane on which objects stand [m, world].
+        calibration: A file with the cameras' poses, which replace those in `cameras`; written by
+            `poil calibrate cameras`. Empty for none, and in a scenario that has been loaded.
         demonstration: A recorded demonstration (.mcap); None simulates the built-in one.
         demonstration_object_label: The object's name in the recording; None means `object`.
         demonstration_object: Model file of the object in the built-in demonstration.
@@ -290,6 +292,7 @@ class PoilConfig:
     packages: tuple[str, ...] = ()
     collision: str | None = None
     table_height: float = 0.0
+    calibration: str = ""
     demonstration: str | None = None
     demonstration_object_label: str | None = None
     demonstration_object: str = "package://poil_drake/mugs/mug_demo/mug_demo.sdf"

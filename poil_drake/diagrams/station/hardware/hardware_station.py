@@ -188,12 +188,16 @@ class HardwareStation(Station):
         return f"an image of the camera '{name}'"
 
     def ArmPosition(self, context: Context) -> np.ndarray:
-        """See `Station.ArmPosition`."""
-        self.HandleMessages()
-        status = self._robot.arm.newest
-        if status is None:
-            raise self._missing([f"the robot's status on {self._config.channels.status}"])
-        return np.array(status.position)
+        """See `Station.ArmPosition`. Waits for a status that was sent after this call."""
+        # The driver's clock may be behind.
+        start = self._clock() - self._config.command_expiry
+        deadline = time.monotonic() + self._config.ready_timeout
+        while True:
+            self.HandleMessages()
+            status = self._robot.arm.newest
+            if status is not None and status.stamp >= start:
+                return np.array(status.position)
+            self._wait(deadline, [f"the robot's status on {self._config.channels.status}"])
 
     def Start(self) -> None:
         """Starts the cameras' threads."""

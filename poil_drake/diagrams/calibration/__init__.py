@@ -1,0 +1,1 @@
+"""Calibration of a scenario's cameras, and checks of their depth."""

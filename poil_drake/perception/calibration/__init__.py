@@ -1,0 +1,1 @@
+"""Calibration of the cameras' poses, and checks of their depth."""
