@@ -6,7 +6,6 @@ Needs a plan from `poil transfer`: python examples/own_station.py out/plan.npz
 import sys
 
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
@@ -31,11 +30,16 @@ def add_box(parser: Parser) -> None:
     parser.AddModelsFromString(BOX, "sdf")
 
 
-def touched(plant: MultibodyPlant, context: Context) -> set[str]:
+def touched(station: poil.Station, context: Context) -> set[str]:
     """Returns the names of the bodies that touch another body."""
-    results = plant.get_contact_results_output_port().Eval(context)
-    pairs = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
-    indices = {index for pair in pairs for index in (pair.bodyA_index(), pair.bodyB_index())}
+    plant, inspector = station.plant(), station.scene_graph().model_inspector()
+    results = plant.get_contact_results_output_port().Eval(plant.GetMyContextFromRoot(context))
+    points = [results.point_pair_contact_info(i) for i in range(results.num_point_pair_contacts())]
+    indices = {index for pair in points for index in (pair.bodyA_index(), pair.bodyB_index())}
+    for i in range(results.num_hydroelastic_contacts()):
+        surface = results.hydroelastic_contact_info(i).contact_surface()
+        frames = [inspector.GetFrameId(geometry) for geometry in (surface.id_M(), surface.id_N())]
+        indices |= {plant.GetBodyFromFrameId(frame).index() for frame in frames}
     return {plant.get_body(index).scoped_name().get_full() for index in indices}
 
 
@@ -51,7 +55,7 @@ with poil.MakeClosedLoop(scenario, plan, station=station) as loop:
 
     def watch(root: Context) -> EventStatus:
         """Adds the bodies that are in contact to `seen`. Drake calls this after each step."""
-        seen.update(touched(station.plant(), station.plant().GetMyContextFromRoot(root)))
+        seen.update(touched(station, root))
         return EventStatus.DidNothing()
 
     simulator.set_monitor(watch)
