@@ -20,14 +20,17 @@ def require_writable(path: Path, *, inputs: Sequence[str | Path | None] = ()) ->
 
     Args:
         path: The output.
-        inputs: Files that the output must not overwrite, and folders in which it must not be; None
-            entries are ignored.
+        inputs: Files, and folders with files, that the output must not overwrite; None entries
+            are ignored.
 
     Raises:
-        OutputError: if the file cannot be written, or is one of the inputs or in one.
+        OutputError: if the file cannot be written, or is an input or a file of one.
     """
+    own = path.resolve()
     for given in inputs:
-        if given and path.resolve().is_relative_to(Path(given).resolve()):
+        if given and (
+            own == Path(given).resolve() or (own.exists() and own.parent == Path(given).resolve())
+        ):
             raise OutputError(
                 f"The output '{path}' would overwrite the input '{given}'.",
                 remedy="Choose another output file.",
