@@ -79,18 +79,10 @@ def test_a_users_own_mjcf_models_run_through_the_whole_chain(
     assert (tmp_path / "out" / "run.json").exists()
 
 
-@pytest.mark.parametrize(
-    ("file_format", "shapes", "height"), [("urdf", "meshes", 0.13), ("xml", "cylinders", 0.07)]
-)
 def test_a_mug_of_another_size_without_contact_properties_hangs(
-    file_format: str,
-    shapes: str,
-    height: float,
-    command: Command,
-    tmp_path: Path,
-    demonstration: Path,
+    command: Command, tmp_path: Path, demonstration: Path
 ) -> None:
-    mug = write_bare_mug(tmp_path, file_format=file_format, shapes=shapes, height=height)
+    mug = write_bare_mug(tmp_path, file_format="urdf", shapes="meshes", height=0.13)
     scenario = write_bare_scenario(mug, demonstration)
 
     dut = command("run", str(scenario), "--tracker", "ground_truth", "--no-meshcat")
