@@ -1,6 +1,7 @@
 """Arguments and options that several verbs share."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -85,6 +86,29 @@ DryRun = Annotated[
     bool,
     typer.Option("--dry-run", help="On hardware: show the motion, but send no commands."),
 ]
+
+
+def pairs(entries: Sequence[str], *, option: str) -> dict[str, str]:
+    """Returns the NAME=VALUE entries of an option that may be repeated, each name once."""
+    found: dict[str, str] = {}
+    for entry in entries:
+        name, equals, value = entry.partition("=")
+        if not name or not equals or not value or name in found:
+            problem = "repeats a name" if name in found else "is not of the form NAME=VALUE"
+            raise typer.BadParameter(f"--{option} {entry} {problem}.")
+        found[name] = value
+    return found
+
+
+def label_numbers(entries: Sequence[str]) -> dict[str, list[int]]:
+    """Returns the NAME=NUMBERS entries of --label, with the numbers separated by commas."""
+    try:
+        return {
+            name: [int(number) for number in numbers.split(",")]
+            for name, numbers in pairs(entries, option="label").items()
+        }
+    except ValueError as error:
+        raise typer.BadParameter(f"--label needs whole numbers: {error}.") from error
 
 
 def require_hardware(hardware: bool, realtime_rate: float | None = None, **options: object) -> None:

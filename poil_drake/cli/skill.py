@@ -9,7 +9,7 @@ import typer
 from typer.exceptions import TyperException
 
 from poil_drake.cli import options
-from poil_drake.cli.options import choose_scenario, positive, require_hardware
+from poil_drake.cli.options import choose_scenario, label_numbers, pairs, positive, require_hardware
 from poil_drake.errors import PoilError
 from poil_drake.runtime.output_files import require_writable
 
@@ -134,6 +134,87 @@ def demo_record(
 
     frames = RecordScenarioDemonstration(chosen, output)
     typer.echo(f"recorded {frames} frames to {output}")
+
+
+def demo_import(
+    bag: Annotated[
+        Path,
+        typer.Argument(
+            metavar="BAG", help="A ROS bag: the folder of `ros2 bag record`, .mcap, .db3 or .bag."
+        ),
+    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The demonstration.")] = Path(
+        "out/demo.mcap"
+    ),
+    camera: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--camera",
+            metavar="NAME=PREFIX",
+            help="A camera and the prefix of its topics, e.g. left=/left. Repeat it for others.",
+        ),
+    ] = None,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            metavar="NAME/KIND=TOPIC",
+            help="A topic that is not guessed: image, depth, calibration or label of a camera.",
+        ),
+    ] = None,
+    label: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--label",
+            metavar="NAME=NUMBERS",
+            help="The numbers of an object or part in label images, e.g. mug=3,4 mug/handle=4.",
+        ),
+    ] = None,
+    world: Annotated[
+        str | None,
+        typer.Option("--world", help="The frame that is the scenario's world. Default: world."),
+    ] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option("--scenario", help="Take the cameras' poses from a scenario, not from /tf."),
+    ] = None,
+    start: Annotated[
+        float,
+        typer.Option("--start", help="Leave out what is earlier [s since the first image]."),
+    ] = 0.0,
+    end: Annotated[
+        float,
+        typer.Option("--end", help="Leave out what is later [s since the first image]."),
+    ] = math.inf,
+) -> None:
+    """Import a ROS bag. Without --camera, say what is in it."""
+    if scenario is not None and world is not None:
+        raise typer.BadParameter("--world does not work with --scenario, which has the poses.")
+    from poil_drake.recording.demonstration.layout import WORLD_FRAME
+    from poil_drake.recording.ros_bag.bag_import import import_ros_bag
+
+    require_writable(output, inputs=(bag, scenario))
+    cameras = pairs(camera or [], option="camera")
+    poses = None
+    if scenario is not None:
+        from poil_drake.diagrams.demonstration.camera_poses import CameraPoses
+
+        poses = CameraPoses(choose_scenario(scenario, None, None), cameras)
+    imported = import_ros_bag(
+        bag,
+        output,
+        cameras=cameras,
+        topics=pairs(topic or [], option="topic"),
+        label_ids=label_numbers(label or []),
+        world=world or WORLD_FRAME,
+        poses=poses,
+        start=start,
+        end=end,
+    )
+    width = max(map(len, imported.topics))
+    for own, found in imported.topics.items():
+        typer.echo(f"{own:<{width}}  {found}")
+    typer.echo(f"imported {imported.frames} frames ({imported.duration:.1f} s) to {output}")
 
 
 def demo_show(

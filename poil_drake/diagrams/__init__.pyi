@@ -1,5 +1,6 @@
 from .calibration.camera_calibration import CalibrateCameras as CalibrateCameras
 from .calibration.camera_check import ExamineCameras as ExamineCameras
+from .demonstration.camera_poses import CameraPoses as CameraPoses
 from .demonstration.camera_recorder import RecordFromCameras as RecordFromCameras
 from .demonstration.recorder import RecordDemonstration as RecordDemonstration
 from .loop.closed_loop import ClosedLoop as ClosedLoop

@@ -1,6 +1,7 @@
-"""Depth images: reliable pixels, points and normals, and the projection of points to pixels."""
+"""Depth images: units, reliable pixels, points, normals, and views from another camera."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import cv2
 import numpy as np
@@ -9,6 +10,8 @@ from poil_drake.errors import InvalidValueError
 
 # Lower bound of divisors; the quotients that it changes are not used.
 _TINY = np.float32(1e-6)
+# The 16-bit depth that means "too far" in the images of Drake and of saturated cameras.
+_TOO_FAR = 65535
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,6 +35,32 @@ class DepthMaskConfig:
     edge_margin: int = 1
     min_depth: float = 0.1
     max_depth: float = 3.0
+
+
+def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
+    """Returns depth [m] as float32, 0 where invalid.
+
+    A float is invalid if it is not finite or not positive. An integer is invalid if it is 0 or
+    65535 ("too far").
+
+    Args:
+        raw: Depth of any shape, float32 [m] or uint16 [steps].
+        step: One step of integer depth [m].
+
+    Raises:
+        InvalidValueError: if `raw` has another type.
+    """
+    if raw.dtype == np.uint16:
+        # The reciprocal of a millimetre is exact in float32.
+        metres = np.divide(raw, np.float32(1.0 / step), dtype=np.float32)
+        metres[raw == _TOO_FAR] = 0.0
+        return metres
+    if raw.dtype == np.float32:
+        return np.where((raw > 0.0) & (raw < np.inf), raw, np.float32(0.0))
+    raise InvalidValueError(
+        f"Depth has the unsupported type {raw.dtype}.",
+        remedy="Use 32-bit floats in metres, or unsigned 16-bit integers.",
+    )
 
 
 def erode_mask(mask: np.ndarray, pixels: int) -> np.ndarray:
@@ -122,6 +151,69 @@ def project(points_W: np.ndarray, K: np.ndarray, X_WC: np.ndarray) -> tuple[np.n
     homogeneous = points_C @ K.T
     divisor = np.where(z > 0.0, z, np.nan)[..., None]
     return homogeneous[..., :2] / divisor, z
+
+
+def register_depth(
+    depth: np.ndarray,
+    K_D: np.ndarray,
+    K_C: np.ndarray,
+    *,
+    X_CD: np.ndarray,
+    size: tuple[int, int],
+) -> np.ndarray:
+    """Returns depth in the view of another camera, e.g. that of a colour camera beside it.
+
+    The surface of each pixel is cut into a grid that is finer than the pixels of the new view, so
+    that no background shows through. Where several surfaces fall on a pixel, the nearest counts.
+    Single pixels that stay empty between two pixels of one surface get their mean depth. Pixels
+    that the depth camera does not see are 0.
+
+    Args:
+        depth: (H, W) depth along the optical axis of the depth camera D [m]; 0, NaN and infinity
+            are invalid.
+        K_D: (3, 3) intrinsic matrix of D [px].
+        K_C: (3, 3) intrinsic matrix of the new view C [px].
+        X_CD: (4, 4) pose of D's optical frame in C's [m].
+        size: Height and width of the new view [px].
+
+    Returns:
+        (height, width) float32 depth along the optical axis of C [m]; 0 where it is unknown.
+    """
+    height, width = size
+    grid = int(max(K_C[0, 0] / K_D[0, 0], K_C[1, 1] / K_D[1, 1])) + 1
+    offsets = (np.arange(grid) + 0.5) / grid - 0.5
+    v, u = np.nonzero(np.isfinite(depth) & (depth > 0.0))
+    z = depth[v, u].astype(float)
+    # The homogeneous pixel of C is z A (u, v, 1) + b.
+    A, b = K_C @ X_CD[:3, :3] @ np.linalg.inv(K_D), K_C @ X_CD[:3, 3]
+    registered = np.full(height * width, np.inf)
+    for du, dv in product(offsets, offsets):
+        x, y, z_C = (
+            z * (row[0] * (u + du) + row[1] * (v + dv) + row[2]) + shift
+            for row, shift in zip(A, b, strict=True)
+        )
+        divisor = np.where(z_C > 0.0, z_C, np.nan)
+        column, row = np.rint(x / divisor), np.rint(y / divisor)
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        at = (row[inside] * width + column[inside]).astype(np.intp)
+        np.minimum.at(registered, at, z_C[inside])
+    registered[np.isinf(registered)] = 0.0
+    return _fill_pinholes(registered.reshape(size).astype(np.float32))
+
+
+def _fill_pinholes(depth: np.ndarray, relative_jump: float = 0.03) -> np.ndarray:
+    """Returns depth (H, W) in which single empty pixels get the mean of opposite neighbours."""
+    filled = depth.copy()
+    around = np.pad(depth, 1)
+    for first, second in (
+        (around[1:-1, :-2], around[1:-1, 2:]),
+        (around[:-2, 1:-1], around[2:, 1:-1]),
+    ):
+        nearer = np.minimum(first, second)
+        same = (nearer > 0.0) & (np.abs(first - second) <= relative_jump * nearer)
+        hole = same & (filled == 0.0)
+        filled[hole] = 0.5 * (first + second)[hole]
+    return filled
 
 
 def depth_normals(

@@ -133,6 +133,18 @@ def rotation_log(rotation: np.ndarray) -> np.ndarray:
     return vector * np.where(length > 1e-150, angle / np.maximum(length, 1e-150), 0.0)
 
 
+def interpolate_poses(X_start: np.ndarray, X_end: np.ndarray, share: float) -> np.ndarray:
+    """Returns the pose after a `share` of the motion between two poses (4, 4).
+
+    The origin moves on a straight line, and the rotation is by a constant axis (slerp).
+    """
+    turn = rotation_log(X_start[:3, :3].T @ X_end[:3, :3])
+    X = X_start.copy()
+    X[:3, :3] = X_start[:3, :3] @ rotation_exp(share * turn)
+    X[:3, 3] += share * (X_end[:3, 3] - X_start[:3, 3])
+    return X
+
+
 def rotation_angle(rotation: np.ndarray) -> np.ndarray:
     """Returns the angle in [0, pi] [rad] of each rotation matrix (..., 3, 3)."""
     R = np.asarray(rotation, dtype=float)

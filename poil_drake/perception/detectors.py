@@ -9,7 +9,7 @@ import numpy as np
 
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.frozen_array import SharedOnCopy
-from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.images import MultiViewFrame, RgbdImage
 
 LABEL_IMAGE = "label_image"
 """Name of the detector that reads label images."""
@@ -51,7 +51,8 @@ class Detector(Protocol):
 class LabelImageDetector:
     """Reads masks from label images, as a baseline for other detectors; a `Detector`.
 
-    All images of a frame must have a `label`, and the frame must have `label_ids`.
+    At least one image of a frame must have a `label`, and the frame must have `label_ids`. Where an
+    image has no label, its masks are empty.
     """
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
@@ -60,10 +61,10 @@ class LabelImageDetector:
         Raises:
             DetectionError: if labels are missing or unknown, or if too few pixels show the part.
         """
-        labels = [image.label for image in frame.images if image.label is not None]
-        if len(labels) < len(frame.images) or not frame.label_ids:
+        count = sum(image.label is not None for image in frame.images)
+        if not count or not frame.label_ids:
             raise DetectionError(
-                f"The detector 'label_image' needs render labels, but {len(labels)} of "
+                f"The detector 'label_image' needs render labels, but {count} of "
                 f"{len(frame.images)} images have labels, and `label_ids` has "
                 f"{len(frame.label_ids)} names.",
                 remedy="Use a simulation, or a recording with the topics /camera/<name>/label and "
@@ -71,7 +72,7 @@ class LabelImageDetector:
             )
         object_ids = _ids(frame, object_label)
         part_ids = _ids(frame, f"{object_label}/{part_label}")
-        part_masks = tuple(np.isin(label, part_ids) for label in labels)
+        part_masks = tuple(_mask(image, part_ids) for image in frame.images)
         seen = sum(int(mask.sum()) for mask in part_masks)
         if seen < _MIN_PART_PIXELS:
             raise DetectionError(
@@ -80,7 +81,7 @@ class LabelImageDetector:
                 remedy="Turn the object, or add a camera that sees the part.",
             )
         return PartMasks(
-            object_masks=tuple(np.isin(label, object_ids) for label in labels),
+            object_masks=tuple(_mask(image, object_ids) for image in frame.images),
             part_masks=part_masks,
         )
 
@@ -100,6 +101,12 @@ def make_detector(name: str) -> Detector:
             f"There is no part detector '{name}'.", remedy=f"Choose from: {', '.join(DETECTORS)}."
         )
     return DETECTORS[name]()
+
+
+def _mask(image: RgbdImage, ids: tuple[int, ...]) -> np.ndarray:
+    if image.label is None:
+        return np.zeros(image.depth.shape, dtype=bool)
+    return np.isin(image.label, ids)
 
 
 def _ids(frame: MultiViewFrame, label: str) -> tuple[int, ...]:

@@ -45,11 +45,20 @@ NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_t
         (
             [
                 *("run", "--hardware", "--scenario_text"),
-                "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}}}}}",
+                "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}, "
+                "right: !LcmImages {labels: false}}}}}",
             ],
-            "which camera 'left' does not provide",
+            "which none of the cameras left, right provides",
         ),
         (["demo", "show", "missing.mcap"], "missing.mcap"),
+        (["demo", "import", "missing.mcap", "--camera", "left=/left"], "missing.mcap cannot be"),
+        (["demo", "import", ".", "--camera", "left=/left"], ". is not a ROS bag"),
+        (["demo", "import", "bag.mcap", "-o", "."], "The output '.' is a folder"),
+        (["demo", "import", "demo.mcap", "-o", "demo.mcap"], "overwrite the input 'demo.mcap'"),
+        (
+            ["demo", "import", "a.mcap", "--camera", "top=/top", "--scenario", "missing.yaml"],
+            "'missing.yaml' cannot be read",
+        ),
         (["transfer", "missing.mcap"], "missing.mcap"),
         (["execute", "missing.npz"], "missing.npz"),
         (["bench", "pipeline", "--tasks", "juggle"], "'juggle'"),
@@ -129,6 +138,10 @@ def test_mistakes_end_in_one_line(command: Command, arguments: list[str], said: 
         (["bench", "control", "--trials", "0"], "--trials"),
         (["bench", "control", "--seed", "-1"], "--seed"),
         (["bench", "latency", "--ticks", "0"], "--ticks"),
+        (["demo", "import", "a.mcap", "--camera", "left"], "left is not of the form NAME=VALUE"),
+        (["demo", "import", "a.mcap", "--camera", "a=/a", "--camera", "a=/b"], "repeats a name"),
+        (["demo", "import", "a.mcap", "--label", "mug=one"], "--label needs whole numbers"),
+        (["demo", "import", "a.mcap", "--world", "a", "--scenario", "b"], "--world does not work"),
         (["transfer"], "'demonstration'"),
         (["replay", "missing.mcap"], "missing.mcap cannot be read"),
         (["replay", "."], "cannot be read"),

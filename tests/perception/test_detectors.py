@@ -38,10 +38,22 @@ def test_masks_are_those_of_the_labels() -> None:
         np.testing.assert_array_equal(masks.object_masks[k], (label == 3) | (label == 4))
 
 
-@pytest.mark.parametrize("labels", [[None, None], [label_image(5), None]])
-def test_frames_without_labels_are_rejected(labels: list[np.ndarray | None]) -> None:
+def test_frames_without_labels_are_rejected() -> None:
     with pytest.raises(DetectionError, match="needs render labels"):
-        detect(labels)
+        detect([None, None])
+
+
+@pytest.mark.parametrize("labelled", [0, 1])
+def test_a_view_without_labels_has_empty_masks(labelled: int) -> None:
+    labels: list[np.ndarray | None] = [None, None]
+    labels[labelled] = label_image(60)
+
+    masks = detect(labels)
+
+    np.testing.assert_array_equal(masks.part_masks[labelled], labels[labelled] == 4)
+    for mask in (masks.part_masks[1 - labelled], masks.object_masks[1 - labelled]):
+        assert mask.shape == SIZE
+        assert not mask.any()
 
 
 @pytest.mark.parametrize(

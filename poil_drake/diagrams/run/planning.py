@@ -15,6 +15,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
 from poil_drake.perception.detectors import make_detector
 from poil_drake.perception.fusion import FusionConfig, fuse_views
+from poil_drake.perception.plausibility import check_plausible
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.worker_executor import WorkerExecutor
@@ -52,6 +53,7 @@ def PlanScenario(
     """
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
+    recorded.check_plausible(table_height=poil.table_height)
     detector = make_detector(poil.detector)
     with WorkerExecutor("poil_drake.grasping.planner", "torch") as worker:
         with MakeStation(
@@ -60,6 +62,7 @@ def PlanScenario(
             context = station.CreateDefaultContext()
             frame = CaptureFrame(station, context, labels=True)
             q_start = station.ArmPosition(context)
+        check_plausible(frame, table_height=poil.table_height)
         everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
         scene = worker.submit(fuse_views, frame, everything, _OBSTACLE_FUSION)
         transferred = transfer(

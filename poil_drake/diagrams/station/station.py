@@ -83,21 +83,21 @@ def MakeStation(
 
 
 def RequireLabels(station: Station) -> None:
-    """Checks that every camera provides label images, if the detector reads them.
+    """Checks that a camera provides label images, if the detector reads them.
 
     Raises:
-        ScenarioError: naming a camera that does not provide them.
+        ScenarioError: if no camera provides them.
     """
-    poil = station.scenario.poil
-    for name in station.camera_names:
-        if poil.detector == LABEL_IMAGE and not station.HasOutputPort(f"{name}.label_image"):
-            raise ScenarioError(
-                f"The detector '{LABEL_IMAGE}' reads label images, which camera '{name}' does not "
-                "provide.",
-                remedy="Use a source with label images: a segmentation node that sends images and "
-                f"labels over LCM (poil.hardware.cameras.{name}: !LcmImages {{}}), or a recording "
-                "that contains labels (!McapPlayback).",
-            )
+    names = station.camera_names
+    labelled = any(station.HasOutputPort(f"{name}.label_image") for name in names)
+    if station.scenario.poil.detector == LABEL_IMAGE and names and not labelled:
+        raise ScenarioError(
+            f"The detector '{LABEL_IMAGE}' reads label images, which none of the cameras "
+            f"{', '.join(names)} provides.",
+            remedy="Use a source with label images: a segmentation node that sends images and "
+            f"labels over LCM (poil.hardware.cameras.{names[0]}: !LcmImages {{}}), or a recording "
+            "that contains labels (!McapPlayback).",
+        )
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:
@@ -107,7 +107,7 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
         station: The station.
         context: The station's own context, not that of a diagram around it.
         labels: Whether to include label images, which take additional time to render. The frame
-            has label IDs if every camera provides them.
+            has label IDs if a camera provides labels.
 
     Raises:
         StationError: if the station has no cameras, or cannot capture images.
@@ -118,7 +118,7 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
             remedy="Add cameras to the scenario, and build the station with cameras=True.",
         )
     images = station.TakeImages(context, labels=labels)
-    labelled = all(image.label is not None for image in images)
+    labelled = any(image.label is not None for image in images)
     return MultiViewFrame(
         cameras=station.camera_models,
         images=images,

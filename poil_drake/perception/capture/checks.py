@@ -1,12 +1,10 @@
-"""Checks the images and the intrinsics of a camera, and converts depth to metres."""
+"""Checks the images and the intrinsics of a camera."""
 
 import numpy as np
 
 from poil_drake.errors import CaptureError, NoImageError
+from poil_drake.geometry.depth_image import depth_in_metres
 from poil_drake.perception.images import CameraModel, RgbdImage
-
-_TOO_FAR = 65535
-"""The 16-bit depth that means "too far" in the images of Drake and of saturated cameras."""
 
 _INTRINSICS_TOLERANCE = 1.0
 """Largest accepted difference in fx, fy, cx and cy [px]. At 1 m, 1 px is 1 to 2 mm."""
@@ -52,31 +50,6 @@ def checked_image(
         if pixels.flags.owndata:
             pixels.flags.writeable = False
     return RgbdImage(rgb, metres, stamp)
-
-
-def depth_in_metres(raw: np.ndarray, *, step: float) -> np.ndarray:
-    """Returns depth [m] as float32, 0 where invalid.
-
-    A float is invalid if it is not finite or not positive. An integer is invalid if it is 0 or
-    65535 ("too far").
-
-    Args:
-        raw: Depth of any shape, float32 [m] or uint16 [steps].
-        step: One step of integer depth [m].
-
-    Raises:
-        NoImageError: if `raw` has another type.
-    """
-    if raw.dtype == np.uint16:
-        metres = np.multiply(raw, np.float32(step), dtype=np.float32)
-        metres[raw == _TOO_FAR] = 0.0
-        return metres
-    if raw.dtype == np.float32:
-        return np.where(np.isfinite(raw) & (raw > 0.0), raw, np.float32(0.0))
-    raise NoImageError(
-        f"Depth has the unsupported type {raw.dtype}.",
-        remedy="Use 32-bit floats in metres, or unsigned 16-bit integers.",
-    )
 
 
 def check_intrinsics(K: np.ndarray, camera: CameraModel, *, source: str) -> None:

@@ -1,13 +1,10 @@
 """The contents of a demonstration file or run log, collected without decoding its images."""
 
-import bisect
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from operator import itemgetter
 from pathlib import Path
 
-import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
@@ -16,7 +13,13 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from mcap.records import Attachment, Metadata
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
-from poil_drake.recording.demonstration.layout import CAMERA_TOPIC, LIVE_KEY, SCENARIO_ATTACHMENT
+from poil_drake.recording.demonstration.frame_tree import FrameTree
+from poil_drake.recording.demonstration.layout import (
+    CAMERA_TOPIC,
+    LIVE_KEY,
+    SCENARIO_ATTACHMENT,
+    STATIC_TRANSFORM_TOPIC,
+)
 from poil_drake.recording.demonstration.stored_images import StoredImage
 from poil_drake.recording.mcap.message_decoders import (
     Calibration,
@@ -28,58 +31,6 @@ from poil_drake.recording.mcap.scan import CutOffError, ScannedMessage, scan
 from poil_drake.recording.mcap.sink import METADATA_RECORD
 from poil_drake.recording.mcap.timestamps import get_timestamp
 
-_STAMP = itemgetter(0)
-
-
-class FrameTree:
-    """Frames and the recorded transforms between them.
-
-    A transform holds from its stamp until the stamp of the next transform between the same frames.
-    The first one also holds before its stamp, so that a static transform may carry any stamp.
-    """
-
-    def __init__(self) -> None:
-        self._parent: dict[str, str] = {}
-        self._poses: dict[str, list[tuple[int, np.ndarray]]] = {}
-
-    def add(self, *, parent: str, child: str, stamp: int, X_PC: np.ndarray) -> None:
-        """Adds the (4, 4) pose of `child` in `parent` [m] at `stamp` [ns].
-
-        If `child` had another parent, its poses in that parent are discarded.
-        """
-        if self._parent.get(child) != parent:
-            self._parent[child], self._poses[child] = parent, []
-        bisect.insort(self._poses[child], (stamp, X_PC), key=_STAMP)
-
-    def __contains__(self, frame: str) -> bool:
-        return frame in self._parent or frame in self._parent.values()
-
-    def root(self, frame: str) -> str:
-        """Returns the root of the tree that holds `frame`, which may be `frame` itself."""
-        return self._chain(frame)[-1]
-
-    def pose(self, *, base: str, frame: str, stamp: int) -> np.ndarray | None:
-        """Returns the (4, 4) pose of `frame` in `base` [m] at `stamp` [ns]; None if unconnected."""
-        if self.root(base) != self.root(frame):
-            return None
-        X_RB = self._pose_in_root(base, stamp)
-        return np.linalg.solve(X_RB, self._pose_in_root(frame, stamp))
-
-    def _chain(self, frame: str) -> list[str]:
-        """Returns `frame` and its ancestors, each once even if the transforms form a cycle."""
-        chain = [frame]
-        while (parent := self._parent.get(chain[-1])) is not None and parent not in chain:
-            chain.append(parent)
-        return chain
-
-    def _pose_in_root(self, frame: str, stamp: int) -> np.ndarray:
-        X_RF = np.eye(4)
-        for child in self._chain(frame)[:-1]:
-            poses = self._poses[child]
-            at = bisect.bisect_right(poses, stamp, key=_STAMP) - 1
-            X_RF = poses[max(at, 0)][1] @ X_RF
-        return X_RF
-
 
 @dataclass
 class CameraContents:
@@ -90,17 +41,26 @@ class CameraContents:
         depth: Its depth images.
         label: Its label images.
         calibration: Pairs of a stamp [ns] and the intrinsics that hold from then on.
+        depth_calibration: The same for depth images that are not registered to colour.
     """
 
     image: list[StoredImage] = field(default_factory=list)
     depth: list[StoredImage] = field(default_factory=list)
     label: list[StoredImage] = field(default_factory=list)
     calibration: list[tuple[int, Calibration]] = field(default_factory=list)
+    depth_calibration: list[tuple[int, Calibration]] = field(default_factory=list)
 
     @property
     def frame_id(self) -> str:
         """The name of the optical frame: the calibration's, or else the first image's."""
         return self.calibration[0][1].frame_id or self.image[0].frame_id
+
+    @property
+    def depth_frame_id(self) -> str:
+        """The name of the depth images' optical frame: `frame_id` if they are registered to it."""
+        if not self.depth_calibration:
+            return self.frame_id
+        return self.depth_calibration[0][1].frame_id or self.depth[0].frame_id
 
 
 @dataclass
@@ -132,8 +92,10 @@ class Contents:
                 self.frames.add(
                     parent=frame_name(transform.parent_frame_id),
                     child=frame_name(transform.child_frame_id),
-                    stamp=get_timestamp(transform, default=scanned.log_time),
+                    stamp=get_timestamp(transform, default=0),
+                    log_time=scanned.log_time,
                     X_PC=decode_transform(transform),
+                    static=scanned.topic == STATIC_TRANSFORM_TOPIC,
                 )
             return
         match = CAMERA_TOPIC.fullmatch(scanned.topic)
@@ -143,16 +105,16 @@ class Contents:
         if kind == "label" and not scanned.message_type(CompressedImage, RawImage):
             return
         camera = self.cameras.setdefault(match["camera"], CameraContents())
-        if kind == "calibration":
+        if kind.endswith("calibration"):
             message = scanned.decode(CameraCalibration)
             stamp = get_timestamp(message, default=scanned.log_time)
-            camera.calibration.append((stamp, decode_calibration(message)))
+            getattr(camera, kind).append((stamp, decode_calibration(message)))
         else:
             getattr(camera, kind).append(StoredImage.of(scanned))
 
 
 def collect(path: Path) -> Contents:
-    """Reads a whole file and returns its contents, with each camera's messages sorted by stamp.
+    """Reads a whole file and returns its contents, with each stream in the order of the file.
 
     A live recording may be cut off. A warning is then logged.
 
@@ -167,9 +129,8 @@ def collect(path: Path) -> Contents:
             where = f"{path}, topic {item.topic}" if isinstance(item, ScannedMessage) else path
             raise DemonstrationError(f"{where}: {error.problem}", remedy=error.remedy) from error
     for camera in contents.cameras.values():
-        for stream in (camera.image, camera.depth, camera.label):
-            stream.sort(key=lambda image: image.stamp)
         camera.calibration.sort(key=lambda entry: entry[0])
+        camera.depth_calibration.sort(key=lambda entry: entry[0])
     return contents
 
 

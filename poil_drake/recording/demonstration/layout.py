@@ -10,6 +10,7 @@ from poil_drake.errors import DemonstrationError
 
 WORLD_FRAME = "world"
 TRANSFORM_TOPIC = "/tf"
+STATIC_TRANSFORM_TOPIC = "/tf_static"
 
 CAMERAS_KEY = "cameras"
 LABEL_IDS_KEY = "label_ids"
@@ -18,11 +19,13 @@ LIVE_KEY = "live"
 """Marks a recording of a live event, whose metadata comes first. It may be cut off."""
 SCENARIO_ATTACHMENT = "scenario.yaml"
 
-CAMERA_TOPIC = re.compile(r"/camera/(?P<camera>[^/]+)/(?P<kind>image|depth|calibration|label)")
+CAMERA_TOPIC = re.compile(
+    r"/camera/(?P<camera>[^/]+)/(?P<kind>image|depth|calibration|depth_calibration|label)"
+)
 
 
 def camera_topic(camera: str, kind: str) -> str:
-    """Returns the topic of a camera's "image", "depth", "label" or "calibration"."""
+    """Returns the topic of a camera's "image", "depth", "label", "calibration", and so on."""
     return f"/camera/{camera}/{kind}"
 
 

@@ -13,6 +13,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 
 from poil_drake.errors import DemonstrationError, InvalidValueError
+from poil_drake.geometry.depth_image import register_depth
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.layout import camera_topic
 from poil_drake.recording.mcap.message_decoders import (
@@ -20,7 +21,7 @@ from poil_drake.recording.mcap.message_decoders import (
     decode_color,
     decode_depth,
     decode_label,
-    frame_name,
+    frame_of,
 )
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -36,7 +37,7 @@ class StoredImage:
     """The location and metadata of an image that is still in the file.
 
     Attributes:
-        stamp: When it was captured [ns].
+        stamp: When it was captured [ns]; 0 if this is not filled in.
         log_time: When it was logged [ns].
         frame_id: The frame in which it was recorded.
         message_type: Its Foxglove message class.
@@ -57,9 +58,27 @@ class StoredImage:
             InvalidValueError: if the message is damaged or is not an image.
         """
         message = scanned.decode(CompressedImage, RawImage)
-        stamp = get_timestamp(message, default=scanned.log_time)
-        frame = frame_name(message.frame_id)
-        return cls(stamp, scanned.log_time, frame, type(message), scanned.location)
+        stamp = get_timestamp(message, default=0)
+        return cls(stamp, scanned.log_time, frame_of(message), type(message), scanned.location)
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """How the depth images of a camera are registered to its colour images.
+
+    Attributes:
+        lens: The calibration of the depth images.
+        X_CD: (4, 4) pose of the depth images' optical frame in that of the colour images [m].
+    """
+
+    lens: Calibration
+    X_CD: np.ndarray
+
+    def register(self, depth: np.ndarray, color: Calibration) -> np.ndarray:
+        """Returns rectified depth (H, W) [m] in the view of rectified colour images."""
+        return register_depth(
+            depth, self.lens.K, color.K, X_CD=self.X_CD, size=(color.height, color.width)
+        )
 
 
 @dataclass(frozen=True)
@@ -89,6 +108,7 @@ class StoredImages:
         size: tuple[int, int],
         size_source: str,
         lens: Calibration | None = None,
+        registration: Registration | None = None,
     ) -> RgbdImage:
         """Returns the decoded images.
 
@@ -98,6 +118,7 @@ class StoredImages:
             size: Width and height that every image must have [px].
             size_source: The words before `size` in errors, e.g. "the camera is calibrated for".
             lens: The calibration whose distortion is removed; None for rectified images.
+            registration: How depth is registered to colour, which needs `lens`; None if it is.
 
         Raises:
             DemonstrationError: if an image cannot be decoded or has another size, or the file has
@@ -108,15 +129,18 @@ class StoredImages:
         data = read_messages(path, [image.location for image in stored.values()])
         pixels = {}
         for (kind, image), content in zip(stored.items(), data, strict=True):
+            own = registration.lens if registration and kind == "depth" else None
+            wanted = (own.width, own.height) if own else size
             try:
                 decoded = _DECODERS[kind](image.message_type.FromString(content))
                 height, width = decoded.shape[:2]
-                if (width, height) != size:
+                if (width, height) != wanted:
                     raise InvalidValueError(
-                        f"an image has {width} x {height} pixels, but {size_source} {size[0]} x "
-                        f"{size[1]}.",
-                        remedy="Record colour and depth registered to each other, at the size of "
-                        "the calibration.",
+                        f"an image has {width} x {height} pixels, but {size_source} {wanted[0]} x "
+                        f"{wanted[1]}.",
+                        remedy="Record all images at the size of the calibration. If depth is not "
+                        "registered to colour, also record its own calibration on "
+                        f"{camera_topic(camera, 'depth_calibration')}.",
                     )
             except (DecodeError, InvalidValueError) as error:
                 problem = getattr(error, "problem", f"a message is damaged: {error}.")
@@ -125,7 +149,14 @@ class StoredImages:
                     f"{problem}",
                     remedy=getattr(error, "remedy", "Record the demonstration again."),
                 ) from error
-            pixels[kind] = _rectify(decoded, lens, interpolate=kind == "image") if lens else decoded
+            calibration = own or lens
+            pixels[kind] = (
+                _rectify(decoded, calibration, interpolate=kind == "image")
+                if calibration
+                else decoded
+            )
+        if registration is not None and lens is not None:
+            pixels["depth"] = registration.register(pixels["depth"], lens)
         return RgbdImage(
             rgb=pixels["image"],
             depth=pixels["depth"],
@@ -143,12 +174,14 @@ class StoredView:
         calibration: Its intrinsics.
         X_WC: (4, 4) pose of the camera in the world [m].
         images: Its images.
+        registration: How its depth is registered to colour; None if it is.
     """
 
     name: str
     calibration: Calibration
     X_WC: np.ndarray
     images: StoredImages
+    registration: Registration | None = None
 
 
 class RecordedFrames(Sequence[MultiViewFrame]):
@@ -214,6 +247,7 @@ class RecordedFrames(Sequence[MultiViewFrame]):
             size=(lens.width, lens.height),
             size_source="the camera is calibrated for",
             lens=lens,
+            registration=view.registration,
         )
 
 

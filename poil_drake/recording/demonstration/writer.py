@@ -74,7 +74,7 @@ class DemonstrationWriter:
         self._cameras = tuple(cameras)
         self._metadata = dict(metadata)
         self._label_ids = dict(label_ids or {})
-        self._written: dict[str, CameraModel] = {}
+        self._written: dict[str, np.ndarray] = {}
         self._frame_count = 0
         self._last_stamps: dict[str, float] = {}
         self._encoder = MessageEncoder(color=color, exact_depth=exact_depth)
@@ -121,8 +121,9 @@ class DemonstrationWriter:
                 remedy="Write the images in chronological order, each only once.",
             )
         self._last_stamps[camera.name] = image.stamp
-        is_new = not _same(camera, self._written.get(camera.name))
-        self._written[camera.name] = camera
+        written = self._written.get(camera.name)
+        is_new = written is None or not np.array_equal(camera.K, written)
+        self._written[camera.name] = camera.K
         messages = encode_image(self._encoder, camera, image, calibration=is_new)
         self.write_messages(messages, stamp=image.stamp)
 
@@ -170,24 +171,18 @@ class DemonstrationWriter:
 def encode_image(
     encoder: MessageEncoder, camera: CameraModel, image: RgbdImage, *, calibration: bool
 ) -> dict[str, EncodedMessage]:
-    """Returns the messages of an image by topic; with `calibration`, also those of the camera."""
+    """Returns the messages of an image, of its camera's pose and maybe calibration, by topic."""
     frame_id, stamp = optical_frame(camera.name), to_nanoseconds(image.stamp)
     messages = {}
     if calibration:
         topic = camera_topic(camera.name, "calibration")
         messages[topic] = encoder.calibration(camera, stamp=stamp, frame_id=frame_id)
-        messages[TRANSFORM_TOPIC] = encoder.transform(
-            camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
-        )
+    messages[TRANSFORM_TOPIC] = encoder.transform(
+        camera.X_WC, parent=WORLD_FRAME, child=frame_id, stamp=stamp
+    )
     images = {"image": image.rgb, "depth": image.depth, "label": image.label}
     for kind, pixels in images.items():
         if pixels is not None:
             topic = camera_topic(camera.name, kind)
             messages[topic] = encoder.image(kind, pixels, stamp=stamp, frame_id=frame_id)
     return messages
-
-
-def _same(camera: CameraModel, other: CameraModel | None) -> bool:
-    return other is not None and (
-        np.array_equal(camera.K, other.K) and np.array_equal(camera.X_WC, other.X_WC)
-    )

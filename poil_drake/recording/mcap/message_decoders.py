@@ -1,29 +1,35 @@
-"""Decodes Foxglove messages of cameras, images, transforms, point clouds and joint states."""
+"""Decodes Foxglove messages of cameras, images, transforms, point clouds and joint states.
 
+Calibrations and images may also be ROS messages of the same name, which have the same fields.
+"""
+
+import math
+import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
-from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.geometry.depth_image import depth_in_metres
 
 # Both are OpenCV's lens model, usually with 5 and 8 coefficients; it takes any of these numbers.
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 _DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 
-ImageMessage: TypeAlias = RawImage | CompressedImage
+ImageMessage: TypeAlias = Any
+"""A `foxglove.RawImage` or `foxglove.CompressedImage`, or an Image or CompressedImage of ROS."""
 
 MILLIMETRES_PER_METRE = 1000.0
+
+_LENGTH_TOLERANCE = 0.1  # of a unit quaternion; for those written with few digits
 
 # Colour encodings of a RawImage: number of channels, and OpenCV's conversion to RGB.
 _RAW_COLOR = {
@@ -35,7 +41,16 @@ _RAW_COLOR = {
     "mono8": (1, cv2.COLOR_GRAY2RGB),
     "8UC1": (1, cv2.COLOR_GRAY2RGB),
 }
-_RAW_16_BIT = ("16UC1", "mono16")
+# Depth encodings of a RawImage.
+_RAW_DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+# Label encodings of a RawImage.
+_RAW_LABEL = {
+    **{"mono8": "u1", "8UC1": "u1", "8SC1": "i1"},
+    **{"16UC1": "u2", "mono16": "u2", "16SC1": "i2", "32SC1": "i4"},
+}
+
+# Before the PNG of a "compressedDepth" image: an enumeration and two parameters of inverse depth.
+_DEPTH_HEADER = struct.Struct("<iff")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,16 +72,19 @@ class Calibration:
     distortion: np.ndarray
 
 
-def decode_calibration(message: CameraCalibration) -> Calibration:
+def decode_calibration(message: Any) -> Calibration:
     """Returns the calibration in a message.
 
     Raises:
         InvalidValueError: if K or D is invalid, or the distortion model is not supported.
     """
-    K, distortion = np.array(message.K, dtype=float), np.array(message.D, dtype=float)
+    K, distortion = (
+        np.array(getattr(message, name, getattr(message, name.lower(), ())), dtype=float)
+        for name in ("K", "D")
+    )
     if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
         raise InvalidValueError(
-            f"the calibration is invalid: K = {list(message.K)}, D = {list(message.D)}.",
+            f"the calibration is invalid: K = {K.tolist()}, D = {distortion.tolist()}.",
             remedy="Record a 3 x 3 K with positive focal lengths, and finite numbers in K and D.",
         )
     if not np.any(distortion):
@@ -78,12 +96,13 @@ def decode_calibration(message: CameraCalibration) -> Calibration:
         )
     elif len(distortion) not in _DISTORTION_COUNTS:
         raise InvalidValueError(
-            f"the calibration has {len(distortion)} distortion coefficients: {list(message.D)}.",
+            f"the calibration has {len(distortion)} distortion coefficients: "
+            f"{distortion.tolist()}.",
             remedy=f"Record {', '.join(map(str, _DISTORTION_COUNTS[:-1]))} or "
             f"{_DISTORTION_COUNTS[-1]} coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...), "
             "or rectified images.",
         )
-    frame = frame_name(message.frame_id)
+    frame = frame_of(message)
     return Calibration(frame, message.width, message.height, K.reshape(3, 3), distortion)
 
 
@@ -92,14 +111,20 @@ def frame_name(recorded: str) -> str:
     return recorded.removeprefix("/")
 
 
+def frame_of(message: Any) -> str:
+    """Returns the name of a message's frame: its own `frame_id`, or that of its ROS header."""
+    return frame_name(getattr(message, "header", message).frame_id)
+
+
 def decode_color(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W, 3) uint8 RGB image of a message.
 
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
-    if isinstance(message, CompressedImage):
-        return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    if _is_compressed(message):
+        pixels = _decompress(message, message.data, cv2.IMREAD_COLOR)
+        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
     if message.encoding not in _RAW_COLOR:
         raise InvalidValueError(
             f"a colour image has the unsupported encoding '{message.encoding}'.",
@@ -114,50 +139,76 @@ def decode_depth(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W) float32 depth [m] of a message; 0 where invalid.
 
     As usual, integer images are in millimetres, and float images are in metres. 65535 is invalid:
-    some cameras write it where they measure nothing.
+    some cameras write it where they measure nothing. Compressed images are 16-bit PNG, with or
+    without the header of ROS's `compressed_depth_image_transport`, which also packs float images.
 
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
-    if isinstance(message, RawImage) and message.encoding == "32FC1":
-        depth = _raw_pixels(message, np.dtype("<f4"), 1)[..., 0].astype(np.float32)
-        return np.where(np.isfinite(depth) & (depth > 0.0), depth, np.float32(0.0))
-    pixels = _pixels_16_bit(message, "depth")
-    pixels[pixels == np.iinfo(np.uint16).max] = 0
-    return (pixels / np.float32(MILLIMETRES_PER_METRE)).astype(np.float32)
+    if not _is_compressed(message):
+        pixels = _raw_channel(message, "depth", _RAW_DEPTH, " (millimetres) or 32FC1 (metres)")
+        return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
+    data, has_header = bytes(message.data), "compressedDepth" in message.format
+    pixels = _decompress(message, data[_DEPTH_HEADER.size :] if has_header else data)
+    if pixels.ndim != 2 or pixels.dtype != np.uint16:
+        raise _wrong_pixels("depth", pixels, "Use a 16-bit PNG with one channel.")
+    if not (has_header and message.format.startswith("32FC1")):
+        return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
+    _, scale, offset = _DEPTH_HEADER.unpack_from(data)
+    inverse = pixels.astype(np.float32) - np.float32(offset)
+    inverse[(pixels == 0) | (inverse <= 0.0)] = np.nan
+    return depth_in_metres(np.float32(scale) / inverse, step=1.0)
 
 
 def decode_label(message: ImageMessage) -> np.ndarray:
-    """Returns the (H, W) int16 label image of a message.
+    """Returns the (H, W) int16 label image of a message, with one integer for each pixel.
 
     Raises:
-        InvalidValueError: if the encoding is unknown or does not fit the data.
+        InvalidValueError: if the encoding is unknown or does not fit the data, or a label has more
+            than 16 bits.
     """
-    return _pixels_16_bit(message, "label").view(np.int16)
+    if _is_compressed(message):
+        pixels = _decompress(message, message.data)
+        if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16):
+            raise _wrong_pixels("label", pixels, "Use an 8-bit or 16-bit PNG with one channel.")
+    else:
+        pixels = _raw_channel(message, "label", _RAW_LABEL, "")
+    labels: np.ndarray = pixels.astype(np.int16)
+    # 16-bit labels may be signed or not; larger ones must fit.
+    if pixels.dtype == np.int32 and np.any(labels != pixels):
+        raise InvalidValueError(
+            f"a label image holds the label {pixels[labels != pixels][0]}.",
+            remedy="Use labels from 0 to 32767.",
+        )
+    return labels
 
 
-def _pixels_16_bit(message: ImageMessage, kind: str) -> np.ndarray:
-    """Returns the (H, W) uint16 pixels of a one-channel image, which errors call a `kind` image."""
-    if isinstance(message, CompressedImage):
-        pixels = _decompress(message, cv2.IMREAD_UNCHANGED)
-        if pixels.ndim != 2 or pixels.dtype != np.uint16:
-            raise InvalidValueError(
-                f"a compressed {kind} image has {pixels.dtype} pixels of shape {pixels.shape}, "
-                "not uint16 of shape (H, W).",
-                remedy="Use a 16-bit PNG with one channel.",
-            )
-        return pixels
-    if message.encoding not in _RAW_16_BIT:
+def _is_compressed(message: ImageMessage) -> bool:
+    return hasattr(message, "format")
+
+
+def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str], units: str) -> np.ndarray:
+    """Returns the (H, W) pixels of a one-channel image, which errors call a `kind` image."""
+    if message.encoding not in types:
+        names = [name for name in types if not (units and name in units)]
         raise InvalidValueError(
             f"a {kind} image has the unsupported encoding '{message.encoding}'.",
-            remedy=f"Use one of {', '.join(_RAW_16_BIT)}"
-            + (" (millimetres) or 32FC1 (metres)." if kind == "depth" else "."),
+            remedy=f"Use one of {', '.join(names)}{units}.",
         )
-    return _raw_pixels(message, np.dtype("<u2"), 1)[..., 0].astype(np.uint16)
+    dtype = np.dtype(types[message.encoding])
+    return _raw_pixels(message, dtype, 1)[..., 0]
 
 
-def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray:
-    """Returns the (H, W, channels) pixels of a RawImage, whose rows may be padded."""
+def _wrong_pixels(kind: str, pixels: np.ndarray, remedy: str) -> InvalidValueError:
+    return InvalidValueError(
+        f"a compressed {kind} image has {pixels.dtype} pixels of shape {pixels.shape}.",
+        remedy=remedy,
+    )
+
+
+def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.ndarray:
+    """Returns the (H, W, channels) pixels of a raw image, whose rows may be padded."""
+    stored = dtype.newbyteorder(">" if getattr(message, "is_bigendian", False) else "<")
     row = message.width * channels * dtype.itemsize
     step = message.step or row
     try:
@@ -165,7 +216,7 @@ def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray
             raise ValueError("the rows are too short")
         shape = (message.height, message.width, channels)
         strides = (step, channels * dtype.itemsize, dtype.itemsize)
-        return np.ndarray(shape, dtype, message.data, strides=strides).copy()
+        return np.ndarray(shape, stored, message.data, strides=strides).astype(dtype)
     except (TypeError, ValueError) as error:
         raise InvalidValueError(
             f"a {message.width} x {message.height} image with encoding '{message.encoding}' does "
@@ -174,15 +225,16 @@ def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray
         ) from error
 
 
-def _decompress(message: CompressedImage, flags: int) -> np.ndarray:
+def _decompress(message: ImageMessage, data: Any, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
     try:
-        pixels = cv2.imdecode(np.frombuffer(message.data, np.uint8), flags)
+        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error:
         pixels = None
     if pixels is None:
         raise InvalidValueError(
             f"a compressed image of format '{message.format}' cannot be decoded.",
-            remedy="Record the demonstration again with jpeg, png or webp images.",
+            remedy="Record the demonstration again with jpeg, png or webp images; depth and labels "
+            "as png.",
         )
     return pixels
 
@@ -191,13 +243,14 @@ def decode_transform(message: FrameTransform) -> np.ndarray:
     """Returns the (4, 4) pose of the child frame in the parent frame [m].
 
     Raises:
-        InvalidValueError: if the quaternion is zero or a value is not finite.
+        InvalidValueError: if a value is not finite, or the quaternion's length is not about 1.
     """
     p, q = message.translation, message.rotation
     quaternion = np.array([q.x, q.y, q.z, q.w])
     X_PC = np.eye(4)
     X_PC[:3, 3] = [p.x, p.y, p.z]
-    if not np.all(np.isfinite([*quaternion, *X_PC[:3, 3]])) or not np.any(quaternion):
+    length = math.hypot(*quaternion)
+    if not np.all(np.isfinite(X_PC)) or not abs(length - 1.0) < _LENGTH_TOLERANCE:
         raise InvalidValueError(
             f"the transform from '{message.parent_frame_id}' to '{message.child_frame_id}' is not "
             f"rigid: translation {X_PC[:3, 3].tolist()}, quaternion {quaternion.tolist()}.",

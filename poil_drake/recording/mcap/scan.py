@@ -109,7 +109,7 @@ def scan(path: Path) -> Iterator[ScannedMessage | Metadata | Attachment]:
             raise DemonstrationError(
                 f"{path} is not an MCAP file.",
                 remedy="Convert the recording to MCAP in the layout of "
-                "docs/demonstration_format.md.",
+                "docs/demonstration_format.md. If it is a ROS bag, use `poil demo import`.",
             )
         for outer in file.records():
             for entry, record in enumerate(_unpack(outer)):

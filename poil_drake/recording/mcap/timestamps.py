@@ -6,6 +6,7 @@ from typing import Any
 from poil_drake.errors import InvalidValueError
 
 NANOSECONDS_PER_SECOND = 1_000_000_000
+_LATEST = 1 << 62  # [ns]; differences of smaller times fit into 64 bits.
 
 
 def to_nanoseconds(time: float) -> int:
@@ -30,5 +31,20 @@ def to_seconds(nanoseconds: int) -> float:
 
 
 def get_timestamp(message: Any, default: int) -> int:
-    """Returns the `timestamp` of a Foxglove message [ns], or `default` if it is not set."""
-    return message.timestamp.ToNanoseconds() if message.HasField("timestamp") else default
+    """Returns the `timestamp` of a Foxglove message [ns], or `default` if it is not set.
+
+    Raises:
+        InvalidValueError: if the time is before 1970 or after 2116.
+    """
+    try:
+        time = message.timestamp.ToNanoseconds() if message.HasField("timestamp") else default
+        valid = 0 <= time < _LATEST
+    except ValueError:  # Protobuf rejects the year 10,000.
+        valid = False
+    if not valid:
+        stamp = message.timestamp
+        raise InvalidValueError(
+            f"a message has an impossible stamp: {stamp.seconds} s and {stamp.nanos} ns.",
+            remedy="Fill in the time of capture since 1970, or 0 for the time of logging.",
+        )
+    return time

@@ -130,9 +130,9 @@ class _Reader:
             run.images[name] = _with_depth(camera)
             if camera.calibration:
                 run.calibrations[name] = camera.calibration[0][1]
-            X_WC = contents.frames.pose(base=WORLD_FRAME, frame=optical_frame(name), stamp=0)
-            if X_WC is not None:
-                run.camera_poses[name] = X_WC
+            frames, frame = contents.frames, optical_frame(name)
+            if frames.connected(base=WORLD_FRAME, frame=frame):
+                run.camera_poses[name] = frames.pose(base=WORLD_FRAME, frame=frame, stamp=0)
 
     def _add_message(self, scanned: ScannedMessage) -> None:
         """Adds a message; ignores topics that no replay needs.

@@ -1,5 +1,7 @@
 """Adds a stereo camera's noise to a rendered depth image."""
 
+from collections.abc import Callable
+
 import numpy as np
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem
@@ -20,7 +22,8 @@ class DepthNoiseSystem(LeafSystem):
         - noisy_depth_image
 
     Both ports carry ImageDepth32F [m]. The output depends on the input image, the seed, the
-    camera's index and the time. Invalid depths (NaN, infinite or negative) become 0.
+    camera's index and the time. Invalid depths (NaN, infinite or negative) become 0. If the depth
+    camera stands beside the colour camera, the output is registered to colour.
     """
 
     def __init__(
@@ -31,6 +34,7 @@ class DepthNoiseSystem(LeafSystem):
         config: StereoDepthNoiseConfig,
         seed: int,
         camera_index: int,
+        register: Callable[[np.ndarray], np.ndarray] | None = None,
     ):
         """Constructs the system.
 
@@ -40,8 +44,10 @@ class DepthNoiseSystem(LeafSystem):
             config: The errors to add.
             seed: Seed of the noise.
             camera_index: The camera's index. Cameras with different indices get different noise.
+            register: Returns depth (H, W) [m] in the view of the colour camera; None if it is.
         """
         super().__init__()
+        self._register = register
         self._config, self._seed, self._camera_index = config, seed, camera_index
         self._input = self.DeclareAbstractInputPort("depth_image", Value(ImageDepth32F()))
         self.DeclareAbstractOutputPort(
@@ -52,11 +58,12 @@ class DepthNoiseSystem(LeafSystem):
         )
 
     def noisy(self, depth: np.ndarray, time: float) -> np.ndarray:
-        """Returns `depth` (H, W) [m] with the camera's errors at `time` [s]."""
+        """Returns `depth` (H, W) [m] with the camera's errors at `time` [s], registered."""
         microseconds = max(0, round(time * 1e6))
-        return apply_stereo_depth_noise(
+        noisy = apply_stereo_depth_noise(
             depth, self._config, (self._seed, self._camera_index, microseconds)
         )
+        return noisy if self._register is None else self._register(noisy)
 
     def _calc(self, context: Context, output: AbstractValue) -> None:
         depth = self._input.Eval(context).data[:, :, 0]

@@ -10,8 +10,8 @@ import numpy as np
 from drake import lcmt_image, lcmt_image_array
 from PIL import Image
 
-from poil_drake.errors import NoImageError
-from poil_drake.perception.capture.checks import depth_in_metres
+from poil_drake.errors import InvalidValueError, NoImageError
+from poil_drake.geometry.depth_image import depth_in_metres
 from poil_drake.perception.images import RgbdImage
 
 _COLOUR = {
@@ -88,9 +88,14 @@ def decode_images(message: bytes, *, size: tuple[int, int]) -> RgbdImage:
             pixels = _pixels(image, size, channels)
             rgb = pixels if conversion is None else cv2.cvtColor(pixels, conversion)
         elif image.pixel_format == lcmt_image.PIXEL_FORMAT_DEPTH:
-            depth = depth_in_metres(_pixels(image, size, 1)[:, :, 0], step=_MILLIMETRE)
+            try:
+                depth = depth_in_metres(_pixels(image, size, 1)[:, :, 0], step=_MILLIMETRE)
+            except InvalidValueError as error:
+                raise NoImageError(error.problem, remedy=error.remedy) from error
         elif image.pixel_format == lcmt_image.PIXEL_FORMAT_LABEL:
             label = _pixels(image, size, 1)[:, :, 0].astype(np.int16)
+    if array.header.utime <= 0:
+        raise _unusable(f"its header.utime is {array.header.utime}, not the time of capture")
     if rgb is None or rgb.dtype != np.uint8 or depth is None:
         raise _unusable(f"the message has no {'depth' if depth is None else '8-bit colour'} image")
     return RgbdImage(rgb=rgb, depth=depth, stamp=1e-6 * array.header.utime, label=label)

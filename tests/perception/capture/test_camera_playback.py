@@ -15,7 +15,8 @@ from poil_drake.recording.run_log.writer import RunLogConfig, RunLogWriter
 
 SIZE = (24, 32)
 K = np.array([[30.0, 0.0, 15.5], [0.0, 30.0, 11.5], [0.0, 0.0, 1.0]])
-CAMERA = CameraModel("left", 32, 24, K, np.eye(4))
+DOWN = np.diag([1.0, -1.0, -1.0, 1.0])
+CAMERA = CameraModel("left", 32, 24, K, DOWN)
 COUNT, PERIOD = 4, 0.125
 
 

@@ -1,7 +1,9 @@
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
-from poil_drake.recording.demonstration.contents import FrameTree
+from poil_drake.errors import InvalidValueError
+from poil_drake.recording.demonstration.frame_tree import FrameTree
 
 
 def pose(x, degrees=0.0):
@@ -33,23 +35,94 @@ def test_the_base_may_hang_below_the_frame_or_beside_it():
     assert dut.pose(base="tag", frame="other", stamp=0)[0, 3] == 2.0
 
 
-def test_a_transform_holds_until_the_next():
+SECOND = 1_000_000_000
+
+
+def moving():
+    """Returns a tree whose camera moves by 1 m and turns by 60 degrees a second, at 2 Hz."""
     dut = FrameTree()
-    for stamp, x in ((20, 2.0), (10, 1.0), (30, 3.0)):
-        dut.add(parent="world", child="camera", stamp=stamp, X_PC=pose(x))
+    for half in (2, 0, 1):  # In any order.
+        dut.add(
+            parent="world",
+            child="camera",
+            stamp=SECOND + half * SECOND // 2,
+            X_PC=pose(half / 2, 30.0 * half),
+        )
+    return dut
 
-    got = [
-        dut.pose(base="world", frame="camera", stamp=stamp)[0, 3] for stamp in (0, 10, 19, 20, 99)
-    ]
 
-    assert got == [1.0, 1.0, 1.0, 2.0, 3.0]
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.7, 1.0])
+def test_a_moving_frame_is_interpolated(share):
+    X = moving().pose(base="world", frame="camera", stamp=SECOND + int(share * SECOND))
+
+    np.testing.assert_allclose(X, pose(share, 60.0 * share), atol=1e-12)
+
+
+def test_beyond_its_transforms_a_moving_frame_keeps_its_last_pose():
+    dut = moving()
+
+    assert dut.span(base="world", frame="camera") == (SECOND, 2 * SECOND)
+    for stamp, x in ((0, 0.0), (9 * SECOND, 1.0)):
+        assert dut.pose(base="world", frame="camera", stamp=stamp)[0, 3] == x
+
+
+def test_a_gap_in_the_transforms_of_a_moving_frame_is_named():
+    dut = moving()
+    dut.add(parent="world", child="camera", stamp=5 * SECOND, X_PC=pose(4.0))
+
+    with pytest.raises(
+        InvalidValueError, match=r"'camera' moves.* 2\.000 s and 5\.000 s.* 3\.00 s"
+    ):
+        dut.pose(base="world", frame="camera", stamp=3 * SECOND)
+
+
+@pytest.mark.parametrize("static", [True, False])
+def test_a_frame_at_rest_holds_for_ever(static):
+    dut = FrameTree()
+    for stamp in (0, SECOND, 90 * SECOND):
+        X = pose(1.0 if not static or stamp else 7.0)
+        dut.add(parent="world", child="camera", stamp=stamp, X_PC=X, static=static)
+
+    first, last = dut.span(base="world", frame="camera")
+
+    assert first < 0
+    assert last > 1e9 * SECOND
+    for stamp in (0, 40 * SECOND, 1_000 * SECOND):
+        assert dut.pose(base="world", frame="camera", stamp=stamp)[0, 3] == 1.0
+
+
+@pytest.mark.parametrize("stamp", [0, 77])
+def test_transforms_with_one_stamp_count_from_their_logging(stamp):
+    dut = FrameTree()
+    for second in (1, 2):
+        dut.add(
+            parent="world",
+            child="camera",
+            stamp=stamp,
+            log_time=second * SECOND,
+            X_PC=pose(float(second)),
+        )
+
+    assert dut.pose(base="world", frame="camera", stamp=3 * SECOND // 2)[0, 3] == 1.5
+
+
+def test_a_frame_on_a_moving_frame_moves_with_it():
+    dut = moving()
+    dut.add(parent="camera", child="lens", stamp=0, X_PC=pose(0.1))
+
+    X = dut.pose(base="world", frame="lens", stamp=SECOND + SECOND // 4)
+
+    np.testing.assert_allclose(X, pose(0.25, 15.0) @ pose(0.1), atol=1e-12)
+    assert dut.span(base="lens", frame="world") == (SECOND, 2 * SECOND)
 
 
 def test_frames_that_nothing_joins_have_no_pose():
     dut = FrameTree()
     dut.add(parent="world", child="camera", stamp=0, X_PC=pose(1.0))
 
-    assert dut.pose(base="world", frame="mug", stamp=0) is None
+    assert not dut.connected(base="world", frame="mug")
+    with pytest.raises(InvalidValueError, match="no transform connects frame 'world' with"):
+        dut.pose(base="world", frame="mug", stamp=0)
     assert "camera" in dut
     assert "world" in dut
     assert "mug" not in dut
@@ -60,4 +133,4 @@ def test_a_cycle_does_not_hang():
     dut.add(parent="a", child="b", stamp=0, X_PC=pose(1.0))
     dut.add(parent="b", child="a", stamp=0, X_PC=pose(1.0))
 
-    assert dut.pose(base="world", frame="b", stamp=0) is None
+    assert not dut.connected(base="world", frame="b")

@@ -111,6 +111,22 @@ def test_depth_that_is_no_distance_becomes_invalid() -> None:
     assert found[2, 2] == DEPTH[2, 2]
 
 
+@pytest.mark.parametrize("utime", [0, -5])
+def test_a_message_without_the_time_of_capture_is_refused(utime: int) -> None:
+    said = message()
+    said.header.utime = utime
+
+    with pytest.raises(NoImageError, match=f"header.utime is {utime}, not the time of capture"):
+        decode_images(said.encode(), size=(H, W))
+
+
+def test_depth_of_another_type_is_refused() -> None:
+    sent = replaced(1, channel_type=lcmt_image.CHANNEL_TYPE_UINT8, data=b"\1" * (H * W))
+
+    with pytest.raises(NoImageError, match="unsupported type uint8"):
+        decode_images(sent, size=(H, W))
+
+
 def test_images_may_be_compressed() -> None:
     said = message()
     said.images[0].data = cv2.imencode(".png", RGB[:, :, ::-1])[1].tobytes()

@@ -3,8 +3,9 @@
 import copy
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from functools import partial
 
 import numpy as np
 from pydrake.common.schema import Transform
@@ -14,11 +15,12 @@ from pydrake.multibody.parsing import GetScopedFrameByName
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmBuses
-from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig
+from pydrake.systems.sensors import ApplyCameraConfig, CameraConfig, RgbdSensor
 
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.errors import ScenarioError
+from poil_drake.geometry.depth_image import register_depth
 from poil_drake.perception.images import CameraModel
 from poil_drake.systems.cameras.depth_noise import DepthNoiseSystem
 
@@ -63,6 +65,7 @@ def AddCameras(
                 config=scenario.poil.depth_noise,
                 seed=scenario.random_seed,
                 camera_index=index,
+                register=_registration(sensor),
             ),
         )
         builder.Connect(sensor.depth_image_32F_output_port(), depth.GetInputPort("depth_image"))
@@ -71,6 +74,22 @@ def AddCameras(
         builder.ExportOutput(sensor.label_image_output_port(), f"{name}.label_image")
         builder.ExportOutput(sensor.image_time_output_port(), f"{name}.image_time")
     return models
+
+
+def _registration(sensor: RgbdSensor) -> Callable[[np.ndarray], np.ndarray] | None:
+    """Returns how depth images are registered to colour; None if both cameras have one pose."""
+    color = sensor.default_color_render_camera().core()
+    depth = sensor.default_depth_render_camera().core()
+    X_CD = color.sensor_pose_in_camera_body().inverse() @ depth.sensor_pose_in_camera_body()
+    if X_CD.IsNearlyIdentity(1e-9):
+        return None
+    return partial(
+        register_depth,
+        K_D=depth.intrinsics().intrinsic_matrix(),
+        K_C=color.intrinsics().intrinsic_matrix(),
+        X_CD=X_CD.GetAsMatrix4(),
+        size=(color.intrinsics().height(), color.intrinsics().width()),
+    )
 
 
 def CameraDelay(cameras: Mapping[str, CameraConfig]) -> float:

@@ -3,6 +3,9 @@
 from itertools import combinations
 from pathlib import Path
 
+from pydrake.systems.sensors import CameraConfig
+
+from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.diagrams.scenario.hardware_config import (
     IMAGE_BUS_URL,
     CameraSource,
@@ -11,7 +14,7 @@ from poil_drake.diagrams.scenario.hardware_config import (
 )
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
-from poil_drake.perception.capture.config import McapPlayback, RealSense, Zed
+from poil_drake.perception.capture.config import McapPlayback, OpenCvStreams, RealSense, Zed
 from poil_drake.perception.capture.device import CaptureDevice, make_device
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.camera_playback import CameraPlayback
@@ -100,7 +103,8 @@ def CheckHardwareCameras(scenario: Scenario) -> None:
 
     Raises:
         ScenarioError: naming a camera that the scenario does not have, two cameras of one kind
-            whose serial numbers are equal or missing, or a recording that does not exist.
+            whose serial numbers are equal or missing, a recording that does not exist, or depth
+            that is not registered to colour.
     """
     cameras = scenario.poil.hardware.cameras
     for kind in (RealSense, Zed):
@@ -125,3 +129,19 @@ def CheckHardwareCameras(scenario: Scenario) -> None:
                 f"poil.hardware.cameras names '{name}', which is not among the cameras.",
                 remedy=f"Choose one of: {', '.join(scenario.cameras)}.",
             )
+        if isinstance(source, OpenCvStreams) and not _one_view(name, scenario.cameras[name]):
+            raise ScenarioError(
+                f"cameras.{name} has its depth camera (X_BD) beside its colour camera (X_BC), but "
+                "!OpenCvStreams does not register depth to colour.",
+                remedy="Use a source of depth in the view of the colour camera and leave X_BD out, "
+                "or use !RealSense or !Zed, which register depth.",
+            )
+
+
+def _one_view(name: str, config: CameraConfig) -> bool:
+    """Returns whether the colour and the depth camera of a configuration have one pose."""
+    with DrakeErrorsExplained(
+        f"cameras.{name}.X_BC or X_BD cannot be used", remedy="Use deterministic poses."
+    ):
+        X_BC, X_BD = config.X_BC.GetDeterministicValue(), config.X_BD.GetDeterministicValue()
+    return bool(X_BC.IsNearlyEqualTo(X_BD, 1e-9))

@@ -105,6 +105,23 @@ def test_unsuitable_cameras_are_refused(text: str, says: str) -> None:
         CheckHardwareCameras(with_cameras(text))
 
 
+@pytest.mark.parametrize("key", ["X_BC", "X_BD"])
+def test_depth_beside_colour_needs_a_source_that_registers_it(key: str) -> None:
+    beside = f"cameras: {{left: {{{key}: {{translation: [0.015, 0, 0]}}}}}}"
+    for source, registers in (
+        ("OpenCvStreams {rgb: '0', depth: '1'}", False),
+        ("RealSense {}", True),
+    ):
+        scenario = ChooseScenario(
+            data=f"{{{beside}, poil: {{hardware: {{cameras: {{left: !{source}}}}}}}}}"
+        )
+        if registers:
+            CheckHardwareCameras(scenario)
+            continue
+        with pytest.raises(ScenarioError, match=r"cameras\.left has its depth camera \(X_BD\)"):
+            CheckHardwareCameras(scenario)
+
+
 @pytest.mark.parametrize(
     "text",
     [

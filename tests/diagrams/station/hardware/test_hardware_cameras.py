@@ -81,10 +81,17 @@ def test_a_recording_with_labels_is_accepted() -> None:
         "!OpenCvStreams {rgb: '0', depth: '1'}",
     ],
 )
-def test_a_camera_without_labels_is_refused(source: str) -> None:
-    dut = make_station(f"right: {source}")
+def test_cameras_without_labels_are_refused(source: str) -> None:
+    dut = make_station(f"left: {source}, right: {source}")
 
-    with pytest.raises(ScenarioError, match=r"camera 'right' does not provide.*!LcmImages.*!Mcap"):
+    with pytest.raises(ScenarioError, match=r"cameras left, right provides.*!LcmImages.*!Mcap"):
         RequireLabels(dut)
+
+
+def test_labels_of_one_camera_are_enough() -> None:
+    dut = make_station("right: !LcmImages {labels: false}")
+
+    RequireLabels(dut)
+
     assert dut.HasOutputPort("left.label_image")
     assert not dut.HasOutputPort("right.label_image")

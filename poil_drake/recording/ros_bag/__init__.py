@@ -1,0 +1,1 @@
+"""Imports the recordings of ROS as demonstrations."""
