@@ -41,7 +41,7 @@ _REMEDIES = {
     "Python, and name the new file in the model's file.",
     "supports mesh files in .obj": "Convert the mesh to .obj, e.g. with "
     "trimesh.load(OLD).export(NEW) in Python, and name the new file in the model's file.",
-    "instance names must be unique": "Give each add_model a name of its own.",
+    "instance names must be unique": "Give each add_model a name that no other has.",
     "no model instance named": "Correct the name of the model, or move this directive below the "
     "one that adds the model.",
     "world_welds_to": "Weld each link only once. A model whose file welds it to the world (MJCF: a "

@@ -40,7 +40,7 @@ def ApplyRandomization(scenario: Scenario, seed: int) -> Scenario:
             raise ScenarioError(
                 f"poil.randomization.models cannot replace '{scenario.poil.object}', which is part "
                 f"of the model '{model.name}'.",
-                remedy="Add the object by a directive of its own, or remove the models.",
+                remedy="Add the object in a separate directive, or remove the models.",
             )
         model.file = ranges.models[int(choice * len(ranges.models))]
     if ranges.x or ranges.y or ranges.yaw:

@@ -112,7 +112,7 @@ def _check_clocks(path: Path, streams: Mapping[str, Sequence[StoredImage]]) -> N
     """Compares the latencies of the streams at their starts and ends.
 
     The least latency within a second counts, because a busy recorder logs late, but never early.
-    If all latencies change alike, the recorder had a clock of its own, e.g. in a simulation.
+    If all latencies change alike, the recorder used another clock, e.g. that of a simulation.
     """
     starts: list[tuple[float, str, float]] = []
     ends: list[tuple[float, str, float]] = []

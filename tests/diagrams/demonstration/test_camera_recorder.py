@@ -311,8 +311,15 @@ def record(url: str, tmp_path: Path) -> Iterator[Callable[[], subprocess.Popen[s
         process.communicate()
 
 
-def size(path: Path) -> int:
-    return path.stat().st_size if path.exists() else 0
+def end_while_recording(
+    process: subprocess.Popen[str], path: Path, number: signal.Signals
+) -> tuple[str, str]:
+    """Sends a signal once the file has some frames; returns what the process wrote."""
+    wait_for(
+        lambda: (path.exists() and path.stat().st_size > 400_000) or process.poll() is not None
+    )
+    process.send_signal(number)
+    return process.communicate()
 
 
 def test_a_killed_recording_can_be_loaded(
@@ -320,10 +327,7 @@ def test_a_killed_recording_can_be_loaded(
 ) -> None:
     path = tmp_path / "demo.mcap"
     with lcm_sender(url) as sender:
-        process = record()
-        wait_for(lambda: size(path) > 400_000 or process.poll() is not None)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
+        end_while_recording(record(), path, signal.SIGKILL)
 
     recording = load_demonstration(path)
 
@@ -339,9 +343,7 @@ def test_ctrl_c_keeps_a_complete_file(
     path = tmp_path / "demo.mcap"
     with lcm_sender(url) as sender:
         process = record()
-        wait_for(lambda: size(path) > 400_000 or process.poll() is not None)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate()
+        out, err = end_while_recording(process, path, signal.SIGINT)
 
     assert (process.returncode, err) == (130, "poil: stopped by the user\n")
     with path.open("rb") as stream:

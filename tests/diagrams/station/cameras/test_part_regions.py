@@ -60,7 +60,7 @@ def images(file: Path, handle: str) -> tuple[np.ndarray, np.ndarray]:
 def test_a_region_is_labelled_as_a_part_and_keeps_its_looks(one_mesh: Path) -> None:
     colours, handles = images(one_mesh, "!PartRegion {lower: [0.0445, -.inf, -.inf]}")
 
-    # The mug whose handle is a mesh of its own.
+    # The mug whose handle is a separate mesh.
     _, expected = images(MUG / "mug_a.sdf", "handle")
     either, both = (handles | expected).sum(axis=(1, 2)), (handles & expected).sum(axis=(1, 2))
     assert (both > 0.9 * either).all()
