@@ -20,11 +20,14 @@ $(VENV)/.complete: pyproject.toml constraints.txt scripts/setup.sh scripts/syste
 run: setup ## hang a novel mug after one demonstration; writes out/run.{html,mcap,png,json}
 	$(VENV)/bin/poil run $(SCENARIO)
 
-# One core per process. Tests in real time run last, alone.
-test: setup lint ## check style and types and run all tests
+# One core per process. Style and types are checked beside the tests. Tests in real time run last,
+# alone.
+test: setup ## check style and types and run all tests
 	@status=0; \
+	$(MAKE) --no-print-directory lint & lint=$$!; \
 	echo "tests, part 1 of 2: those that do not depend on the clock"; \
 	OMP_NUM_THREADS=1 LP_NUM_THREADS=0 $(PYTEST) -m "not real_time" --numprocesses auto --maxprocesses 4 --dist worksteal || status=1; \
+	wait $$lint || { echo "style or types are wrong: see above, or make lint"; status=1; }; \
 	echo "tests, part 2 of 2: those in real time, slowed down as far as this machine needs it"; \
 	$(PYTEST) -m real_time --numprocesses 1 || status=1; \
 	exit $$status
