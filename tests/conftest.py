@@ -126,6 +126,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leaves out files without tests in real time when only these are run: imports take long."""
+    wanted = config.getoption("markexpr") == "real_time" and collection_path.suffix == ".py"
+    return True if wanted and "mark.real_time" not in collection_path.read_text() else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Puts files with whole runs first, so that none of them starts late and runs on alone."""
     slow = {item.path for item in items if item.get_closest_marker("slow")}
