@@ -20,7 +20,7 @@ class Tagged(dict):
 def plain(text: str) -> Any:
     """Returns YAML as mappings, lists and scalars; a tag becomes the key "_tag"."""
 
-    class Loader(yaml.SafeLoader):
+    class Loader(yaml.CSafeLoader):
         pass
 
     Loader.add_multi_constructor(
