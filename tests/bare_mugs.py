@@ -9,8 +9,6 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from poil_drake.diagrams.scenario.load import default_scenario_file
-
 WALL = 0.004
 """Thickness of the mugs' walls [m]."""
 
@@ -45,25 +43,6 @@ def write_bare_mug(folder: Path, *, file_format: str, shapes: str, height: float
     write = {"xml": _mjcf, "urdf": _urdf, "sdf": _sdf}[file_format]
     path = folder / f"mug.{file_format}"
     path.write_text(write([*body, *handle], height))
-    return path
-
-
-def write_bare_scenario(model: Path, demonstration: Path) -> Path:
-    """Writes the package's scenario with a mug of `write_bare_mug` beside it; returns the file."""
-    scenario = default_scenario_file().read_text()
-    for old, new in (
-        ("file: package://poil_drake/mugs/mug_a/mug_a.sdf", f"file: {model.name}"),
-        ("        body:\n", "        cup:\n"),
-        (
-            "    part: handle\n",
-            f"    part: handle\n    parts: {{ handle: 'handle_.*' }}\n    collision: decompose\n"
-            f"    demonstration: {demonstration}\n",
-        ),
-    ):
-        assert old in scenario
-        scenario = scenario.replace(old, new, 1)
-    path = model.with_suffix(".yaml")
-    path.write_text(scenario)
     return path
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import cv2
 import pytest
-from bare_mugs import write_bare_mug, write_bare_scenario
+from bare_mugs import write_bare_mug
 from command_line import Command
 from mcap.reader import make_reader
 from mjcf_kitchen import write_kitchen
@@ -66,31 +66,6 @@ def test_the_time_of_a_run_is_split_into_parts(figures: dict) -> None:
     assert sum(timing["parts"].values()) == pytest.approx(timing["wall"])
 
 
-def test_a_users_own_mjcf_models_run_through_the_whole_chain(
-    command: Command, tmp_path: Path
-) -> None:
-    kitchen = write_kitchen(tmp_path)
-
-    # The images of such models: tests/diagrams/station/cameras/test_camera_process.py.
-    dut = command("run", str(kitchen), "--tracker", "ground_truth", "--no-meshcat")
-
-    assert dut.status == 0, dut
-    assert "SUCCESS" in dut.out
-    assert (tmp_path / "out" / "run.json").exists()
-
-
-def test_a_mug_of_another_size_without_contact_properties_hangs(
-    command: Command, tmp_path: Path, demonstration: Path
-) -> None:
-    mug = write_bare_mug(tmp_path, file_format="urdf", shapes="meshes", height=0.13)
-    scenario = write_bare_scenario(mug, demonstration)
-
-    dut = command("run", str(scenario), "--tracker", "ground_truth", "--no-meshcat")
-
-    assert dut.status == 0, dut
-    assert "SUCCESS" in dut.out
-
-
 def files(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
@@ -105,13 +80,39 @@ def test_a_demonstration_is_drawn(command: Command, tmp_path: Path, demonstratio
     assert cv2.imread("out/mine.png").std() > 10.0
 
 
-def test_a_plan_is_executed(command: Command, tmp_path: Path, plan_file: Path) -> None:
-    dut = command("execute", str(plan_file), "--tracker", "ground_truth", "--no-meshcat")
+def test_a_tall_mug_is_hung_in_a_users_own_kitchen_verb_by_verb(
+    command: Command, tmp_path: Path
+) -> None:
+    kitchen = write_kitchen(tmp_path)
+    # The scene's mug has another size than the demonstrated one, and no contact properties.
+    write_bare_mug(tmp_path / "tall", file_format="xml", shapes="meshes", height=0.13)
+    text = kitchen.read_text()
+    for old, new in (
+        ("      file: mug.xml\n", "      file: tall/mug.xml\n"),
+        ('"mug_handle_.*" }\n', '"(mug_)?handle_.*" }\n    collision: decompose\n'),
+    ):
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    kitchen.write_text(text)
+    before = files(tmp_path)
 
-    assert dut.status == 0
+    # The images of such models: tests/diagrams/station/cameras/test_camera_process.py.
+    for arguments in (
+        ["demo", "record", "kitchen.yaml", "-o", "demo.mcap"],
+        ["transfer", "demo.mcap", "kitchen.yaml", "-o", "plan.npz"],
+    ):
+        assert command(*arguments).status == 0, arguments
+    made = {"demo.mcap", "plan.npz", "plan.html"}
+    assert files(tmp_path) == before | made
+    dut = command(
+        "execute", "plan.npz", "kitchen.yaml", "--tracker", "ground_truth", "--no-meshcat"
+    )
+
+    assert dut.status == 0, dut
     assert dut.out.splitlines()[-1].startswith("SUCCESS: the mug hangs on the rack")
-    assert files(tmp_path) == {"out/run.json", "out/run.mcap", "out/run.png"}
-    assert all(name in dut.out for name in files(tmp_path))
+    outputs = {f"out/run.{kind}" for kind in ("json", "mcap", "png")}
+    assert files(tmp_path) == before | made | outputs
+    assert all(name in dut.out for name in outputs)
     figures = json.loads(Path("out/run.json").read_text())
     assert figures["success"] is True
     assert figures["tracker"] == "ground_truth"
