@@ -1,4 +1,4 @@
-"""A demonstration gives the same plan, whether it was recorded as ours or as a ROS bag."""
+"""A demonstration is transferred alike, whether it was recorded as ours or as a ROS bag."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,13 +15,17 @@ from ros_bags import (
     transforms,
 )
 
-from poil_drake.diagrams.run.planning import PlanScenario
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.perception.images import CameraModel, RgbdImage
+from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.perception.detectors import make_detector
+from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.recording.mcap.message_encoder import ColorEncoding
 from poil_drake.recording.ros_bag.bag_import import import_ros_bag
+from poil_drake.transfer.matching import Matching
+from poil_drake.transfer.pipeline import transfer
 
 START = 1_764_500_000  # [s since the epoch]
 LENS = np.array([-0.06, 0.02, 0.001, -0.0008, 0.0])
@@ -52,9 +56,24 @@ def remap(image: RgbdImage, u: np.ndarray, v: np.ndarray) -> RgbdImage:
     )
 
 
+def transferred(path: Path, scene: MultiViewFrame, scenario: Scenario) -> Matching:
+    """Returns the likeliest match of a demonstration with a scene, whose grasp is then planned."""
+    demonstration = load_demonstration(path)
+    demonstration.check_plausible(table_height=scenario.poil.table_height)
+    return transfer(
+        demonstration,
+        scene,
+        detector=make_detector(scenario.poil.detector),
+        tracker=MakeScenarioTracker(scenario.poil),
+        object_label=scenario.poil.object,
+        part_label=scenario.poil.part,
+        demonstration_object_label=scenario.poil.demonstration_object_label,
+    ).matchings[0]
+
+
 @pytest.mark.slow
 @pytest.mark.render
-def test_a_bag_with_lenses_and_compressed_depth_gives_the_same_plan(
+def test_a_bag_with_lenses_and_compressed_depth_is_transferred_alike(
     demonstration: Path, scenario: Scenario, tmp_path: Path
 ) -> None:
     # The camera "right" has a lens, and sends compressed images.
@@ -80,9 +99,12 @@ def test_a_bag_with_lenses_and_compressed_depth_gives_the_same_plan(
         label_ids=recorded.frames[0].label_ids,
         world="panda_link0",
     )
-    dut = PlanScenario(scenario, tmp_path / "demo.mcap")
+    station = MakeStation(scenario, ignore_output_delay=True)
+    scene = CaptureFrame(station, station.CreateDefaultContext(), labels=True)
 
-    wanted = PlanScenario(scenario, ours)
+    dut = transferred(tmp_path / "demo.mcap", scene, scenario)
+
+    wanted = transferred(ours, scene, scenario)
     assert imported.frames == len(recorded.frames[::2])
     np.testing.assert_allclose(dut.target_points, wanted.target_points, atol=1e-3)
     np.testing.assert_allclose(
