@@ -14,7 +14,13 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 
 def execute(scenario: Scenario, **options: object) -> None:
     skill_run.ExecutePlan(
-        short_plan(), scenario, outputs=OutputPaths(), show=False, show_progress=False, **options
+        short_plan(),
+        scenario,
+        outputs=OutputPaths(),
+        show=False,
+        show_progress=False,
+        check=False,
+        **options,
     )
 
 

@@ -44,7 +44,7 @@ def read_log(path: Path) -> dict[str, list[dict[str, Any]]]:
 
 
 def execute(
-    folder: Path, scenario: Scenario | None = None, *, check: bool = True
+    folder: Path, scenario: Scenario | None = None, *, check: bool = False
 ) -> tuple[RunSummary, OutputPaths]:
     outputs = OutputPaths.under(folder)
     chosen = scenario or short_scenario("{simulation_duration: 2}")
@@ -154,7 +154,7 @@ def test_old_outputs_are_removed_even_if_the_plan_does_not_fit(tmp_path: Path) -
     outputs.mcap.touch()
 
     with pytest.raises(PoilError, match="spout"):
-        execute(tmp_path, wrong)
+        execute(tmp_path, wrong, check=True)
 
     assert not outputs.png.exists()
     assert read_log(outputs.mcap) == {}
@@ -217,7 +217,7 @@ def test_a_run_whose_camera_process_dies_reports_it_and_leaves_its_log(
 
     monkeypatch.setattr(RunRecorder, "sample", kill_the_cameras)
 
-    summary, outputs = execute(tmp_path, ChooseScenario(), check=False)
+    summary, outputs = execute(tmp_path, ChooseScenario())
 
     assert not summary.success
     assert "cameras' process has ended with status -9" in summary.reason
