@@ -93,7 +93,7 @@ def execute(
     fault: str = "",
 ) -> tuple[RunSummary, "RobotRecord"]:
     """Executes a plan on the hardware path; returns its summary and the stand-in's record."""
-    with stand_in(scenario, pictures, folder, fault=fault) as robot:
+    with stand_in(scenario, pictures, folder, fault=fault, wait=False) as robot:
         summary = ExecutePlan(
             plan,
             scenario,
@@ -182,6 +182,7 @@ def stand_in(
     fault: str = "",
     after: float = 0.6,
     position: np.ndarray = HOME,
+    wait: bool = True,
 ) -> Iterator[StandIn]:
     """Runs a stand-in robot during a block; its fault begins some time after its arm moves.
 
@@ -192,6 +193,7 @@ def stand_in(
         fault: Name of the fault; empty for none.
         after: Start of the fault after the arm's first motion [s of the robot's time].
         position: Joint positions of the arm (7,) [rad].
+        wait: Whether to wait until the robot is ready. The station waits for it in any case.
     """
     setup = StandInSetup(
         robot_url=scenario.lcm_buses["robot"].lcm_url,
@@ -207,7 +209,7 @@ def stand_in(
     listener_file = directory / "stand_in.json.told"
     listener_file.unlink(missing_ok=True)
     program = str(Path(__file__).parent / "faulty_robot.py")
-    with running_stand_in(setup, directory, program=[program]) as process:
+    with running_stand_in(setup, directory, program=[program], wait=wait) as process:
         robot = StandIn(process, listener_file)
         yield robot
         robot.finish()

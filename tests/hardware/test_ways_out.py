@@ -19,6 +19,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
+from poil_drake.benchmarks.hardware.stand_in_robot import wait_until_ready
 from poil_drake.diagrams.scenario.load import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.systems.safety.faults import SafetyFault
@@ -120,9 +121,10 @@ def act_on_run(
         def attempt(time_scale: float) -> tuple[Run, Pace]:
             chosen = hardware_scenario(scenario, time_scale=time_scale)
             folder = Path(tempfile.mkdtemp(dir=tmp_path))
-            with stand_in(chosen, pictures, folder) as robot:
-                run = Run(robot, chosen, folder)
+            with stand_in(chosen, pictures, folder, wait=False) as robot:
+                run = Run(robot, chosen, folder)  # Starts meanwhile.
                 try:
+                    wait_until_ready(robot.process)
                     fast = run.becomes_fast()
                     if fast:
                         act(run)

@@ -250,7 +250,11 @@ def with_own_networks(scenario: "Scenario") -> "Scenario":
 
 @contextmanager
 def running_stand_in(
-    setup: StandInSetup, folder: Path, *, program: Sequence[str] = ("-m", __name__)
+    setup: StandInSetup,
+    folder: Path,
+    *,
+    program: Sequence[str] = ("-m", __name__),
+    wait: bool = True,
 ) -> Iterator[subprocess.Popen[str]]:
     """Starts a stand-in robot as a process, and yields the process when the robot is ready.
 
@@ -261,6 +265,7 @@ def running_stand_in(
         setup: The setup.
         folder: Folder for the setup's file.
         program: Arguments for Python: this module, or a program whose robot simulates faults.
+        wait: Whether to wait until the robot is ready; if not, `wait_until_ready` waits.
 
     Raises:
         StationError: if the process does not start.
@@ -274,15 +279,25 @@ def running_stand_in(
         text=True,
     )
     try:
-        assert process.stdout is not None
-        if process.stdout.readline() != _READY:
-            raise StationError(
-                "The stand-in robot did not start.", remedy="Read its messages on standard error."
-            )
+        if wait:
+            wait_until_ready(process)
         yield process
     finally:
         process.kill()
         process.wait()
+
+
+def wait_until_ready(process: subprocess.Popen[str]) -> None:
+    """Waits until the robot of a new process is ready.
+
+    Raises:
+        StationError: if the process does not start.
+    """
+    assert process.stdout is not None
+    if process.stdout.readline() != _READY:
+        raise StationError(
+            "The stand-in robot did not start.", remedy="Read its messages on standard error."
+        )
 
 
 def read_setup(path: str) -> StandInSetup:
