@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
     GeometryInstance,
@@ -19,6 +19,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from poil_drake.diagrams.scenario.model_parts import ModelGeometries, ModelGeometry
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.errors import ScenarioError
+
+if TYPE_CHECKING:
+    import trimesh  # Slow to import.
 
 _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Drake turns glTF files, whose y axis points up, so that their z axis does."""
@@ -77,6 +80,8 @@ def _split(
     shape = inspector.GetShape(geometry.id)
     if not (isinstance(shape, Mesh) and shape.source().is_path()):
         return False
+    import trimesh
+
     mesh = trimesh.load(str(shape.source().path()), force="mesh", process=False)
     if shape.source().extension() == ".gltf":
         mesh.vertices = mesh.vertices @ _Z_UP.T
@@ -97,8 +102,10 @@ def _split(
     return True
 
 
-def _as_shape(mesh: trimesh.Trimesh) -> Mesh:
+def _as_shape(mesh: "trimesh.Trimesh") -> Mesh:
     """Returns a triangle mesh as a shape, with its colours and texture."""
+    import trimesh
+
     text, files = trimesh.exchange.obj.export_obj(mesh, include_normals=True, return_texture=True)
     supporting = {name: MemoryFile(data, Path(name).suffix, name) for name, data in files.items()}
     main = MemoryFile(text.encode(), ".obj", "part.obj")
