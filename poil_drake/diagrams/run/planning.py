@@ -12,6 +12,7 @@ from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.grasping.grasp_motions import WorkspaceCheck
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
 from poil_drake.perception.detectors import make_detector
 from poil_drake.perception.fusion import fuse_views
@@ -58,6 +59,10 @@ def PlanScenario(
             context = station.CreateDefaultContext()
             frame = CaptureFrame(station, context, labels=True)
             q_start = station.ArmPosition(context)
+        model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
+        planner = _planner_config(poil)
+        # Refuses an arm outside its box before the transfer, which takes long.
+        WorkspaceCheck(model=model, q_start=q_start, feasibility=planner.feasibility)
         check_plausible(frame, table_height=poil.table_height)
         everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
         scene = worker.submit(fuse_views, frame, everything, poil.fusion.coarser())
@@ -74,7 +79,6 @@ def PlanScenario(
             progress=progress,
         )
         scene_points = scene.result().points
-        model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
         result = plan_execution(
             transferred.matchings,
             object_label=poil.object,
@@ -84,7 +88,7 @@ def PlanScenario(
             scene_points=scene_points,
             q_start=q_start,
             model=model,
-            config=_planner_config(poil),
+            config=planner,
             seed=scenario.random_seed,
             metadata={
                 "poil_drake": version("poil-drake"),
