@@ -253,7 +253,7 @@ def test_a_tracker_that_is_killed_at_every_start_is_a_fault(
 ) -> None:
     tracker = PriorTracker(kill_marker=str(tmp_path / "kill_marker"), restarts=False)
 
-    summary, record = execute_with(carrying_plan(), tracker=tracker, speed=1.0, lost_fault=3.0)
+    summary, record = execute_with(carrying_plan(), tracker=tracker, speed=1.0, lost_fault=1.5)
 
     event = "the tracker's process is killed at every start"
     check_fault(summary, record, tmp_path, event=event, reason=Fault.TRACKING_LOST.text)

@@ -51,7 +51,8 @@ def test_an_odd_recording_loads_or_is_refused(foreign, data, kinds):
     foreign.__init__(foreign.path)
     clock = sometimes("clock", st.lists(st.floats(0.0, 1.0) | st.floats(0.0, 1e9), max_size=5))
     for topic in list(foreign.times):
-        foreign.times[topic] = foreign.times[topic] if clock is None else clock
+        # Three images of each stream are enough, and quick to write.
+        foreign.times[topic] = foreign.times[topic][:3] if clock is None else clock
         if (times := sometimes("times", st.lists(st.floats(0.0, 10.0), max_size=6))) is not None:
             foreign.times[topic] = times
         if sometimes("missing", st.just(True)) is not None:
