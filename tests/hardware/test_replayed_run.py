@@ -1,5 +1,6 @@
 """The log of a real robot's run is replayed without the robot."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -26,12 +27,13 @@ def log(
 ) -> tuple[Path, str]:
     """The log of a run against the stand-in robot, and its reason.
 
-    The cameras' images do not change, so the run ends soon after it began to follow.
+    The cameras' images do not change; the run ends two seconds after it begins to follow.
     """
     folder = tmp_path_factory.mktemp("hardware")
 
     def attempt(time_scale: float) -> tuple[tuple[Path, str], Pace]:
         chosen = hardware_scenario(scenario, speed=SPEED, time_scale=time_scale)
+        chosen = dataclasses.replace(chosen, simulation_duration=4.25)
         summary, record = execute(swinging_plan(), chosen, pictures, folder)
         return (folder / "run.mcap", summary.reason), record.pace(summary.to_dict(), chosen)
 
