@@ -13,8 +13,8 @@ from poil_drake.recording.demonstration import live_recorder
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.live_recorder import (
     LABEL_WAIT,
+    CameraRecord,
     LiveRecorder,
-    missing_images,
 )
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.runtime.output_files import OutputError
@@ -207,4 +207,4 @@ def test_a_file_that_exists_is_not_touched(
     ],
 )
 def test_gaps_between_stamps_count_as_missing_images(stamps: list[float], count: int) -> None:
-    assert missing_images(np.array(stamps)) == count
+    assert CameraRecord(stamps).missing == count
