@@ -67,7 +67,6 @@ def test_a_part_without_images_is_refused(
     assert "--start and --end" in dut.error
 
 
-@pytest.mark.render
 def test_the_poses_can_be_those_of_a_scenario(command: Command, bag: str) -> None:
     scenario = str(default_scenario_file())
 

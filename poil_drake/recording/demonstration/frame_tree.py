@@ -113,8 +113,8 @@ class FrameTree:
         return "; ".join(f"{root} > {', '.join(below)}" for root, below in trees.items()) or "none"
 
     def connected(self, *, base: str, frame: str) -> bool:
-        """Returns whether transforms connect the two frames."""
-        return self.root(base) == self.root(frame)
+        """Returns whether transforms connect the two frames; a frame without a name has no pose."""
+        return bool(base and frame) and self.root(base) == self.root(frame)
 
     def pose(self, *, base: str, frame: str, stamp: int) -> np.ndarray:
         """Returns the (4, 4) pose of `frame` in `base` [m] at `stamp` [ns].

@@ -141,6 +141,7 @@ def test_frames_that_nothing_joins_have_no_pose():
     assert "camera" in dut
     assert "world" in dut
     assert "mug" not in dut
+    assert not dut.connected(base="", frame="")
 
 
 def test_a_cycle_does_not_hang():

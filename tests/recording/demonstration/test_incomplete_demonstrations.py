@@ -32,6 +32,10 @@ def fisheye(foreign):
     foreign.calibrations["left"].D.append(0.1)
 
 
+def one_optical_frame(foreign):
+    foreign.calibrations["right"].frame_id = "left_lens"
+
+
 def zero_quaternion(foreign):
     foreign.transforms[0].rotation.x = 0.0
 
@@ -85,6 +89,7 @@ def showing(kind, encoding, pixels, *, frame_id="", size=None):
         (fisheye, ["/camera/left/calibration", "equidistant", "rectified"]),
         (without("transforms", 1), ["'right_lens'", "camera 'right'", "/tf"]),
         (having(transforms=[]), ["'left_lens'", "/tf", "foxglove.FrameTransform"]),
+        (one_optical_frame, ["the cameras left and right have the same frame, 'left_lens'"]),
         (zero_quaternion, ["/tf", "'left_lens'", "quaternion"]),
         (one_frame, ["/camera/left/image", "at least 2 are needed"]),
         (clocks_differ, ["/camera/left/image", "stops 60.00 s before", "clocks"]),

@@ -223,8 +223,12 @@ def raw_depth(recording: RosRecording) -> None:
 
 
 @pytest.mark.parametrize("posed", [False, True])
-def test_raw_depth_is_registered(recording, tmp_path, posed):
+@pytest.mark.parametrize("named", [False, True])
+def test_raw_depth_is_registered(recording, tmp_path, posed, named):
     raw_depth(recording)
+    if not named:  # The frames are those of the images.
+        for topic in (INFO, "/left/depth/camera_info"):
+            recording.edit(topic, lambda info: info | {"header": header(recording.start, "")})
     poses = {name: camera(name).X_WC for name in ("left", "right")} if posed else None
 
     dut = load(recording, tmp_path, poses=poses)
