@@ -51,6 +51,7 @@ _RAW_LABEL = {
 
 # Before the PNG of a "compressedDepth" image: an enumeration and two parameters of inverse depth.
 _DEPTH_HEADER = struct.Struct("<iff")
+_JPEG_MAGIC = b"\xff\xd8"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +132,7 @@ def decode_color(message: ImageMessage) -> np.ndarray:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
     if _is_compressed(message):
-        pixels = _decompress(message, message.data, cv2.IMREAD_COLOR)
-        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+        return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     if message.encoding not in _RAW_COLOR:
         raise InvalidValueError(
             f"a colour image has the unsupported encoding '{message.encoding}'.",
@@ -154,15 +154,14 @@ def decode_depth(message: ImageMessage) -> np.ndarray:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
     if not _is_compressed(message):
-        pixels = _raw_channel(message, "depth", _RAW_DEPTH, " (millimetres) or 32FC1 (metres)")
+        pixels = _raw_channel(message, "depth", _RAW_DEPTH)
         return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
-    data, has_header = bytes(message.data), "compressedDepth" in message.format
-    pixels = _decompress(message, data[_DEPTH_HEADER.size :] if has_header else data)
+    pixels = _decompress(message)
     if pixels.ndim != 2 or pixels.dtype != np.uint16:
-        raise _wrong_pixels("depth", pixels, "Use a 16-bit PNG with one channel.")
-    if not (has_header and message.format.startswith("32FC1")):
+        raise _wrong_pixels(message, "depth", pixels)
+    if not (message.format.startswith("32FC1") and _has_header(message)):
         return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
-    _, scale, offset = _DEPTH_HEADER.unpack_from(data)
+    _, scale, offset = _DEPTH_HEADER.unpack_from(bytes(message.data))
     inverse = pixels.astype(np.float32) - np.float32(offset)
     inverse[(pixels == 0) | (inverse <= 0.0)] = np.nan
     return depth_in_metres(np.float32(scale) / inverse, step=1.0)
@@ -176,11 +175,12 @@ def decode_label(message: ImageMessage) -> np.ndarray:
             than 16 bits.
     """
     if _is_compressed(message):
-        pixels = _decompress(message, message.data)
-        if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16):
-            raise _wrong_pixels("label", pixels, "Use an 8-bit or 16-bit PNG with one channel.")
+        pixels = _decompress(message)
+        is_jpeg = bytes(message.data[:2]) == _JPEG_MAGIC  # Between two labels, it has others.
+        if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16) or is_jpeg:
+            raise _wrong_pixels(message, "label", pixels)
     else:
-        pixels = _raw_channel(message, "label", _RAW_LABEL, "")
+        pixels = _raw_channel(message, "label", _RAW_LABEL)
     labels: np.ndarray = pixels.astype(np.int16)
     # 16-bit labels may be signed or not; larger ones must fit.
     if pixels.dtype == np.int32 and np.any(labels != pixels):
@@ -195,22 +195,26 @@ def _is_compressed(message: ImageMessage) -> bool:
     return hasattr(message, "format")
 
 
-def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str], units: str) -> np.ndarray:
+def _has_header(message: ImageMessage) -> bool:
+    return "compressedDepth" in message.format
+
+
+def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str]) -> np.ndarray:
     """Returns the (H, W) pixels of a one-channel image, which errors call a `kind` image."""
     if message.encoding not in types:
-        names = [name for name in types if not (units and name in units)]
         raise InvalidValueError(
             f"a {kind} image has the unsupported encoding '{message.encoding}'.",
-            remedy=f"Use one of {', '.join(names)}{units}.",
+            remedy=f"Use one of {', '.join(types)}.",
         )
     dtype = np.dtype(types[message.encoding])
     return _raw_pixels(message, dtype, 1)[..., 0]
 
 
-def _wrong_pixels(kind: str, pixels: np.ndarray, remedy: str) -> InvalidValueError:
+def _wrong_pixels(message: ImageMessage, kind: str, pixels: np.ndarray) -> InvalidValueError:
     return InvalidValueError(
-        f"a compressed {kind} image has {pixels.dtype} pixels of shape {pixels.shape}.",
-        remedy=remedy,
+        f"a compressed {kind} image of format '{message.format}' has {pixels.dtype} pixels of "
+        f"shape {pixels.shape}.",
+        remedy=f"Use {'a 16-bit' if kind == 'depth' else 'an 8-bit or 16-bit'} PNG with one channel.",
     )
 
 
@@ -233,9 +237,10 @@ def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.nda
         ) from error
 
 
-def _decompress(message: ImageMessage, data: Any, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
+def _decompress(message: ImageMessage, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
+    data = np.frombuffer(message.data, np.uint8)
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        pixels = cv2.imdecode(data[_DEPTH_HEADER.size if _has_header(message) else 0 :], flags)
     except cv2.error:
         pixels = None
     if pixels is None:
