@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -62,8 +62,7 @@ class StoredImage:
         return cls(stamp, scanned.log_time, frame_of(message), type(message), scanned.location)
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(NamedTuple):
     """How the depth images of a camera are registered to its colour images.
 
     Attributes:
@@ -73,12 +72,6 @@ class Registration:
 
     lens: Calibration
     X_CD: np.ndarray
-
-    def register(self, depth: np.ndarray, color: Calibration) -> np.ndarray:
-        """Returns rectified depth (H, W) [m] in the view of rectified colour images."""
-        return register_depth(
-            depth, self.lens.K, color.K, X_CD=self.X_CD, size=(color.height, color.width)
-        )
 
 
 @dataclass(frozen=True)
@@ -106,7 +99,6 @@ class StoredImages:
         camera: str,
         *,
         size: tuple[int, int],
-        size_source: str,
         lens: Calibration | None = None,
         registration: Registration | None = None,
     ) -> RgbdImage:
@@ -116,7 +108,6 @@ class StoredImages:
             path: The file.
             camera: The camera's name.
             size: Width and height that every image must have [px].
-            size_source: The words before `size` in errors, e.g. "the camera is calibrated for".
             lens: The calibration whose distortion is removed; None for rectified images.
             registration: How depth is registered to colour, which needs `lens`; None if it is.
 
@@ -136,7 +127,7 @@ class StoredImages:
                 height, width = decoded.shape[:2]
                 if (width, height) != wanted:
                     raise InvalidValueError(
-                        f"an image has {width} x {height} pixels, but {size_source} {wanted[0]} x "
+                        f"an image has {width} x {height} pixels instead of {wanted[0]} x "
                         f"{wanted[1]}.",
                         remedy="Record all images at the size of the calibration. If depth is not "
                         "registered to colour, also record its own calibration on "
@@ -156,7 +147,13 @@ class StoredImages:
                 else decoded
             )
         if registration is not None and lens is not None:
-            pixels["depth"] = registration.register(pixels["depth"], lens)
+            pixels["depth"] = register_depth(
+                pixels["depth"],
+                registration.lens.K,
+                lens.K,
+                X_CD=registration.X_CD,
+                size=size[::-1],
+            )
         return RgbdImage(
             rgb=pixels["image"],
             depth=pixels["depth"],
@@ -245,7 +242,6 @@ class RecordedFrames(Sequence[MultiViewFrame]):
             self._path,
             view.name,
             size=(lens.width, lens.height),
-            size_source="the camera is calibrated for",
             lens=lens,
             registration=view.registration,
         )

@@ -144,12 +144,8 @@ class RecordedRun:
         @lru_cache(_CACHED_IMAGES)
         def read(index: int) -> RgbdImage:
             try:
-                return images[index].read(
-                    self.path,
-                    camera.name,
-                    size=(camera.width, camera.height),
-                    size_source=f"the scenario's camera '{camera.name}' has",
-                )
+                size = (camera.width, camera.height)
+                return images[index].read(self.path, camera.name, size=size)
             except DemonstrationError as error:
                 raise RunLogError(
                     error.problem,
