@@ -12,13 +12,13 @@ from poil_drake.runtime.output_files import require_writable
 
 demo_app = typer.Typer(no_args_is_help=True, help="Record, import and show demonstrations.")
 
+Output = Annotated[Path, typer.Option("-o", "--output", help="The demonstration.")]
+
 
 @demo_app.command("record")
 def demo_record(
     scenario: options.ScenarioArgument = None,
-    output: Annotated[Path, typer.Option("-o", "--output", help="The recording.")] = Path(
-        "out/demo.mcap"
-    ),
+    output: Output = Path("out/demo.mcap"),
     scenario_name: options.ScenarioName = None,
     scenario_text: options.ScenarioText = None,
     hardware: Annotated[
@@ -83,9 +83,7 @@ def demo_import(
             metavar="BAG", help="A ROS bag: the folder of `ros2 bag record`, .mcap, .db3 or .bag."
         ),
     ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The demonstration.")] = Path(
-        "out/demo.mcap"
-    ),
+    output: Output = Path("out/demo.mcap"),
     camera: Annotated[
         list[str] | None,
         typer.Option(
@@ -154,6 +152,8 @@ def demo_import(
     width = max(map(len, imported.topics))
     for own, found in imported.topics.items():
         typer.echo(f"{own:<{width}}  {found}")
+    if "label" in {own.rpartition("/")[2] for own in imported.topics} and not label:
+        typer.echo("without --label, no object is known in the label images")
     typer.echo(f"imported {imported.frames} frames ({imported.duration:.1f} s) to {output}")
 
 

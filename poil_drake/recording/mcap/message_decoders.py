@@ -214,7 +214,7 @@ def _wrong_pixels(message: ImageMessage, kind: str, pixels: np.ndarray) -> Inval
     return InvalidValueError(
         f"a compressed {kind} image of format '{message.format}' has {pixels.dtype} pixels of "
         f"shape {pixels.shape}.",
-        remedy=f"Use {'a 16-bit' if kind == 'depth' else 'an 8-bit or 16-bit'} PNG with one channel.",
+        remedy="Use a PNG with one channel: 16-bit for depth, 8-bit or 16-bit for labels.",
     )
 
 

@@ -112,7 +112,7 @@ def test_a_label_that_is_too_large_is_named():
         (decode_label, raw("32FC1", np.zeros((2, 3), "<f4")), "label image.*'32FC1'.*mono8"),
         (decode_label, png(np.zeros((2, 3, 3), np.uint8)), r"label .* has uint8 .*\(2, 3, 3\)"),
         (decode_label, jpeg(np.zeros((2, 3), np.uint8)), "label .*'mono8; jpeg compressed '.* PNG"),
-        (decode_depth, png(np.zeros((2, 3), np.uint8)), "depth .* has uint8.*16-bit PNG"),
+        (decode_depth, png(np.zeros((2, 3), np.uint8)), "depth .* has uint8.*16-bit for depth"),
         (decode_depth, raw("64FC1", np.zeros((2, 3))), "16UC1, mono16, 32FC1"),
     ],
 )
