@@ -24,6 +24,11 @@ from poil_drake.geometry.depth_image import depth_in_metres
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 _DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 
+# What lenses have: the ratio of the focal length to the size of the image, for 175 to 1 degree,
+_WIDEST_LENS, _NARROWEST_LENS = 0.02, 60.0
+# and the distance of the principal point from the image's centre, as a share of the size.
+_FARTHEST_CENTRE = 2.0
+
 ImageMessage: TypeAlias = Any
 """A `foxglove.RawImage` or `foxglove.CompressedImage`, or an Image or CompressedImage of ROS."""
 
@@ -91,10 +96,13 @@ def decode_calibration(message: Any) -> Calibration:
         np.array(getattr(message, name, getattr(message, name.lower(), ())), dtype=float)
         for name in ("K", "D")
     )
-    if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
+    size = np.array([message.width, message.height])
+    if not (np.all(np.isfinite(distortion)) and _is_intrinsic_matrix(K, size)):
         raise InvalidValueError(
-            f"the calibration is invalid: K = {K.tolist()}, D = {distortion.tolist()}.",
-            remedy="Record a 3 x 3 K with positive focal lengths, and finite numbers in K and D.",
+            f"the calibration is invalid: {size[0]} x {size[1]} pixels, K = {K.tolist()}, D = "
+            f"{distortion.tolist()}.",
+            remedy="Record the images' size, K = [fx, 0, cx, 0, fy, cy, 0, 0, 1] in pixels, and "
+            "finite numbers in D.",
         )
     if not np.any(distortion):
         distortion = np.zeros(0)
@@ -113,6 +121,15 @@ def decode_calibration(message: Any) -> Calibration:
         )
     frame = frame_of(message)
     return Calibration(frame, message.width, message.height, K.reshape(3, 3), distortion)
+
+
+def _is_intrinsic_matrix(K: np.ndarray, size: np.ndarray) -> bool:
+    """Returns whether K (9,) can be that of a lens for images of a size (2,), both in [px]."""
+    if K.size != 9 or not np.array_equal(K[[3, 6, 7, 8]], [0.0, 0.0, 0.0, 1.0]):
+        return False
+    share, centre = K[[0, 4]] / np.maximum(size, 1), K[[2, 5]] / np.maximum(size, 1)
+    in_view = np.all(np.abs(centre - 0.5) <= _FARTHEST_CENTRE) and abs(K[1]) <= K[0]
+    return bool(in_view and np.all((share >= _WIDEST_LENS) & (share <= _NARROWEST_LENS)))
 
 
 def frame_name(recorded: str) -> str:
