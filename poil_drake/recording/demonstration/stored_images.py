@@ -21,7 +21,7 @@ from poil_drake.recording.mcap.message_decoders import (
     decode_color,
     decode_depth,
     decode_label,
-    frame_of,
+    frame_name,
 )
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -59,7 +59,8 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=0)
-        return cls(stamp, scanned.log_time, frame_of(message), type(message), scanned.location)
+        frame = frame_name(message.frame_id)
+        return cls(stamp, scanned.log_time, frame, type(message), scanned.location)
 
 
 class Registration(NamedTuple):

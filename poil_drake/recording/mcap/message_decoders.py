@@ -1,20 +1,20 @@
-"""Decodes Foxglove messages of cameras, images, transforms, point clouds and joint states.
-
-Calibrations and images may also be ROS messages of the same name, which have the same fields.
-"""
+"""Decodes Foxglove messages of cameras, images, transforms, point clouds and joint states."""
 
 import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
@@ -29,8 +29,7 @@ _WIDEST_LENS, _NARROWEST_LENS = 0.02, 60.0
 # and the distance of the principal point from the image's centre, as a share of the size.
 _FARTHEST_CENTRE = 2.0
 
-ImageMessage: TypeAlias = Any
-"""A `foxglove.RawImage` or `foxglove.CompressedImage`, or an Image or CompressedImage of ROS."""
+ImageMessage: TypeAlias = RawImage | CompressedImage
 
 MILLIMETRES_PER_METRE = 1000.0
 
@@ -86,16 +85,13 @@ class Calibration:
         )
 
 
-def decode_calibration(message: Any) -> Calibration:
+def decode_calibration(message: CameraCalibration) -> Calibration:
     """Returns the calibration in a message.
 
     Raises:
         InvalidValueError: if K or D is invalid, or the distortion model is not supported.
     """
-    K, distortion = (
-        np.array(getattr(message, name, getattr(message, name.lower(), ())), dtype=float)
-        for name in ("K", "D")
-    )
+    K, distortion = np.array(message.K), np.array(message.D)
     size = np.array([message.width, message.height])
     if not (np.all(np.isfinite(distortion)) and _is_intrinsic_matrix(K, size)):
         raise InvalidValueError(
@@ -119,7 +115,7 @@ def decode_calibration(message: Any) -> Calibration:
             f"{_DISTORTION_COUNTS[-1]} coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...), "
             "or rectified images.",
         )
-    frame = frame_of(message)
+    frame = frame_name(message.frame_id)
     return Calibration(frame, message.width, message.height, K.reshape(3, 3), distortion)
 
 
@@ -137,18 +133,13 @@ def frame_name(recorded: str) -> str:
     return recorded.removeprefix("/")
 
 
-def frame_of(message: Any) -> str:
-    """Returns the name of a message's frame: its own `frame_id`, or that of its ROS header."""
-    return frame_name(getattr(message, "header", message).frame_id)
-
-
 def decode_color(message: ImageMessage) -> np.ndarray:
     """Returns the (H, W, 3) uint8 RGB image of a message.
 
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
-    if _is_compressed(message):
+    if isinstance(message, CompressedImage):
         return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     if message.encoding not in _RAW_COLOR:
         raise InvalidValueError(
@@ -170,7 +161,7 @@ def decode_depth(message: ImageMessage) -> np.ndarray:
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
-    if not _is_compressed(message):
+    if isinstance(message, RawImage):
         pixels = _raw_channel(message, "depth", _RAW_DEPTH)
         return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
     pixels = _decompress(message)
@@ -178,7 +169,7 @@ def decode_depth(message: ImageMessage) -> np.ndarray:
         raise _wrong_pixels(message, "depth", pixels)
     if not (message.format.startswith("32FC1") and _has_header(message)):
         return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
-    _, scale, offset = _DEPTH_HEADER.unpack_from(bytes(message.data))
+    _, scale, offset = _DEPTH_HEADER.unpack_from(message.data)
     inverse = pixels.astype(np.float32) - np.float32(offset)
     inverse[(pixels == 0) | (inverse <= 0.0)] = np.nan
     return depth_in_metres(np.float32(scale) / inverse, step=1.0)
@@ -191,9 +182,9 @@ def decode_label(message: ImageMessage) -> np.ndarray:
         InvalidValueError: if the encoding is unknown or does not fit the data, or a label has more
             than 16 bits.
     """
-    if _is_compressed(message):
+    if isinstance(message, CompressedImage):
         pixels = _decompress(message)
-        is_jpeg = bytes(message.data[:2]) == _JPEG_MAGIC  # Between two labels, it has others.
+        is_jpeg = message.data.startswith(_JPEG_MAGIC)  # Between two labels, it has others.
         if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16) or is_jpeg:
             raise _wrong_pixels(message, "label", pixels)
     else:
@@ -208,15 +199,11 @@ def decode_label(message: ImageMessage) -> np.ndarray:
     return labels
 
 
-def _is_compressed(message: ImageMessage) -> bool:
-    return hasattr(message, "format")
-
-
-def _has_header(message: ImageMessage) -> bool:
+def _has_header(message: CompressedImage) -> bool:
     return "compressedDepth" in message.format
 
 
-def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str]) -> np.ndarray:
+def _raw_channel(message: RawImage, kind: str, types: dict[str, str]) -> np.ndarray:
     """Returns the (H, W) pixels of a one-channel image, which errors call a `kind` image."""
     if message.encoding not in types:
         raise InvalidValueError(
@@ -227,7 +214,7 @@ def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str]) -> np.
     return _raw_pixels(message, dtype, 1)[..., 0]
 
 
-def _wrong_pixels(message: ImageMessage, kind: str, pixels: np.ndarray) -> InvalidValueError:
+def _wrong_pixels(message: CompressedImage, kind: str, pixels: np.ndarray) -> InvalidValueError:
     return InvalidValueError(
         f"a compressed {kind} image of format '{message.format}' has {pixels.dtype} pixels of "
         f"shape {pixels.shape}.",
@@ -235,9 +222,8 @@ def _wrong_pixels(message: ImageMessage, kind: str, pixels: np.ndarray) -> Inval
     )
 
 
-def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.ndarray:
+def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray:
     """Returns the (H, W, channels) pixels of a raw image, whose rows may be padded."""
-    stored = dtype.newbyteorder(">" if getattr(message, "is_bigendian", False) else "<")
     row = message.width * channels * dtype.itemsize
     step = message.step or row
     try:
@@ -245,7 +231,8 @@ def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.nda
             raise ValueError("the rows are too short")
         shape = (message.height, message.width, channels)
         strides = (step, channels * dtype.itemsize, dtype.itemsize)
-        return np.ndarray(shape, stored, message.data, strides=strides).astype(dtype)
+        stored = np.ndarray(shape, dtype.newbyteorder("<"), message.data, strides=strides)
+        return stored.astype(dtype)
     except (TypeError, ValueError) as error:
         raise InvalidValueError(
             f"a {message.width} x {message.height} image with encoding '{message.encoding}' does "
@@ -254,7 +241,7 @@ def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.nda
         ) from error
 
 
-def _decompress(message: ImageMessage, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
+def _decompress(message: CompressedImage, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
     data = np.frombuffer(message.data, np.uint8)
     try:
         pixels = cv2.imdecode(data[_DEPTH_HEADER.size if _has_header(message) else 0 :], flags)

@@ -14,7 +14,7 @@ from poil_drake.recording.demonstration.layout import (
     optical_frame,
 )
 from poil_drake.recording.mcap.library_versions import version_metadata
-from poil_drake.recording.mcap.message_decoders import frame_of
+from poil_drake.recording.mcap.message_decoders import frame_name
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
 from poil_drake.recording.ros_bag.bag import CAMERA_INFO, TRANSFORMS, BagMessage
@@ -54,7 +54,7 @@ class BagConverter:
             self._add_transforms(message)
             return
         own = self._own[message.topic]
-        self._frames.setdefault(own, frame_of(message.content))
+        self._frames.setdefault(own, frame_name(message.content.header.frame_id))
         if message.type == CAMERA_INFO:
             self._add_calibration(own, message)
         else:

@@ -1,7 +1,6 @@
-"""Messages of other tools: ROS's compressed depth, labels of segmenters, and ROS's own fields."""
+"""Messages of other tools: ROS's compressed depth, and labels of segmenters."""
 
 import struct
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,11 +10,8 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.recording.mcap.message_decoders import (
-    decode_calibration,
-    decode_color,
     decode_depth,
     decode_label,
-    frame_of,
 )
 
 MILLIMETRES = np.uint16([[0, 412, 65535], [1000, 65534, 1]])
@@ -39,6 +35,11 @@ def png(pixels, *, format_="png", header=b""):
 def jpeg(pixels):
     data = cv2.imencode(".jpg", pixels)[1].tobytes()
     return CompressedImage(format="mono8; jpeg compressed ", data=data)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "mono16"])
+def test_depth_of_0_and_65535_is_invalid(encoding):
+    np.testing.assert_array_equal(decode_depth(raw(encoding, MILLIMETRES)), METRES)
 
 
 @pytest.mark.parametrize("format_", ["16UC1; compressedDepth png", "16UC1; compressedDepth"])
@@ -119,35 +120,3 @@ def test_a_label_that_is_too_large_is_named():
 def test_other_pixels_are_refused(decode, dut, words):
     with pytest.raises(InvalidValueError, match=words):
         decode(dut)
-
-
-def test_messages_of_ros_are_decoded_by_their_fields():
-    header = SimpleNamespace(frame_id="/lens")
-    dut = SimpleNamespace(
-        header=header,
-        encoding="16UC1",
-        data=np.frombuffer(MILLIMETRES.astype(">u2").tobytes(), np.uint8),
-        height=2,
-        width=3,
-        step=6,
-        is_bigendian=1,
-    )
-    info = SimpleNamespace(
-        header=header,
-        width=3,
-        height=2,
-        k=np.array([30.0, 0, 1, 0, 31.0, 0.5, 0, 0, 1]),
-        d=[0.1, 0.0, 0.0, 0.0],
-        distortion_model="plumb_bob",
-    )
-    compressed = SimpleNamespace(
-        header=header, format="png", data=cv2.imencode(".png", np.full((2, 3, 3), 9, "u1"))[1]
-    )
-
-    calibration = decode_calibration(info)
-
-    np.testing.assert_array_equal(decode_depth(dut), METRES)
-    np.testing.assert_array_equal(calibration.K, [[30, 0, 1], [0, 31, 0.5], [0, 0, 1]])
-    assert calibration.frame_id == frame_of(dut) == "lens"
-    assert calibration.distortion.tolist() == [0.1, 0.0, 0.0, 0.0]
-    np.testing.assert_array_equal(decode_color(compressed), np.full((2, 3, 3), 9))
