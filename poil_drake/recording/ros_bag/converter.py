@@ -85,7 +85,7 @@ class BagConverter:
         static = message.topic.endswith(STATIC_TRANSFORM_TOPIC)
         for stamped in message.content.transforms:
             transform = convert_transform(stamped)
-            self._tree.add_message(transform, log_time=message.log_time, static=static)
+            self._tree.add(transform, log_time=message.log_time, static=static)
             if not self._posed:
                 self._write(STATIC_TRANSFORM_TOPIC if static else TRANSFORM_TOPIC, transform)
 
