@@ -187,7 +187,7 @@ def raw_depth(recording: RosRecording) -> None:
     frame, X_CD = "left_depth_optical_frame", np.eye(4)
     X_CD[0, 3] = 0.015
     recording.add("/tf_static", 0, transforms(recording.start, (FRAME, frame, X_CD)))
-    recording.edit(DEPTH, lambda old: old | {"header": old["header"] | {"frame_id": frame}})
+    recording.set_frame(DEPTH, frame)
     recording.rename(DEPTH, "/left/depth/image_rect_raw")
     K_D = K * [[0.8], [0.8], [1.0]]
     info = camera_info(K_D, (WIDTH, HEIGHT), recording.start, frame)
@@ -203,7 +203,7 @@ def test_raw_depth_is_registered(recording, tmp_path, posed, named):
     raw_depth(recording)
     if not named:  # The frames are those of the images.
         for topic in (INFO, "/left/depth/camera_info"):
-            recording.edit(topic, lambda info: info | {"header": header(recording.start, "")})
+            recording.set_frame(topic, "")
     poses = {name: camera(name).X_WC for name in ("left", "right")} if posed else None
 
     dut = load(recording, tmp_path, poses=poses)
@@ -242,9 +242,7 @@ def test_another_frame_can_be_the_world(recording, tmp_path):
 def test_given_poses_replace_the_transforms(recording, tmp_path):
     # As with drivers that were all started with the default name.
     for topic in (INFO, INFO.replace("left", "right")):
-        recording.edit(
-            topic, lambda info: info | {"header": info["header"] | {"frame_id": "color_frame"}}
-        )
+        recording.set_frame(topic, "color_frame")
     poses = {"left": camera("over there").X_WC, "right": camera("elsewhere").X_WC}
 
     dut = load(recording, tmp_path, poses=poses)
