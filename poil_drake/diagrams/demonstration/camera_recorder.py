@@ -116,7 +116,7 @@ def RecordFromCameras(
         lossless=lossless,
     )
     with ExitStack() as stack:
-        threads = _start_threads(scenario, cameras, recorder, stack)
+        threads = _start_threads(scenario, cameras, label_ids, recorder, stack)
         desk = _Desk(scenario, cameras, threads, recorder, stack, show=show, countdown=countdown)
         desk.wait_for_cameras()
         if desk.can_press:
@@ -142,15 +142,24 @@ def RecordFromCameras(
 
 
 def _start_threads(
-    scenario: Scenario, cameras: Sequence[CameraModel], recorder: LiveRecorder, stack: ExitStack
+    scenario: Scenario,
+    cameras: Sequence[CameraModel],
+    label_ids: Mapping[str, tuple[int, ...]],
+    recorder: LiveRecorder,
+    stack: ExitStack,
 ) -> dict[str, CaptureThread]:
     """Starts a thread for each camera that gives the recorder every image; `stack` ends them."""
     config, threads = scenario.poil.hardware, {}
     for camera in cameras:
-        source = config.cameras.get(camera.name, LcmImages())
-        device = MakeCaptureDevice(source, scenario, camera, clock=config.clock(), every_image=True)
         threads[camera.name] = CaptureThread(
-            device,
+            MakeCaptureDevice(
+                config.cameras.get(camera.name, LcmImages()),
+                scenario,
+                camera,
+                clock=config.clock(),
+                label_ids=label_ids,
+                every_image=True,
+            ),
             name=camera.name,
             size=(camera.height, camera.width),
             on_image=partial(recorder.add, camera.name),

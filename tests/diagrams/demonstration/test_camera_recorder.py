@@ -14,6 +14,7 @@ import pytest
 from live_cameras import (
     FPS,
     HEIGHT,
+    MUG,
     WIDTH,
     camera_models,
     images_of,
@@ -111,7 +112,7 @@ def test_the_file_holds_what_streams_and_a_played_recording_deliver(url, path):
     right_source = write_playback(path.with_name("played.mcap"), right, count=12)
     scenario = small_scenario(url, f"left: {left_source}, right: {right_source}")
 
-    record_images(scenario, path, 15)
+    label_ids = record_images(scenario, path, 15).frames[0].label_ids
 
     # One camera at a time, because frames of two would skip images without a partner.
     left, played = (
@@ -121,6 +122,8 @@ def test_the_file_holds_what_streams_and_a_played_recording_deliver(url, path):
     numbers = [number_of(image, 12) for image in played]
     assert numbers == [k % 12 for k in range(len(numbers))]  # From the labelled image on.
     assert len(numbers) > 5
+    # In the recording that is played, the mug has another number than in the scenario.
+    assert set(played[0].label.ravel()) <= set(label_ids["mug"]) - {MUG}
     np.testing.assert_allclose(np.diff([image.stamp for image in played]), 1.0 / FPS, atol=1e-6)
 
 
@@ -256,10 +259,7 @@ def test_a_recording_is_never_overwritten(url, path, name, said):
 
 @pytest.fixture
 def ended(url, path):
-    """Sends a signal to `poil demo record --hardware` once it has recorded some frames.
-
-    Returns its exit status, and what it wrote.
-    """
+    """Ends `poil demo record --hardware` by a signal once it has recorded some frames."""
     processes = []
 
     def end(number):
