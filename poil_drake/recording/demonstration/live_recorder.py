@@ -63,8 +63,8 @@ class CameraRecord:
     def begins_with(self, image: RgbdImage) -> bool:
         """Returns whether the recording begins with this image, or has begun before.
 
-        If the camera has sent labels before, its recording begins with the next labelled image, but
-        at the latest after `LABEL_WAIT`.
+        Detectors look for labels in the first frame. If the camera has sent labels before, its
+        recording begins with the next labelled image, but at the latest after `LABEL_WAIT`.
         """
         self._first = image.stamp if self._first is None else self._first
         waited = image.stamp - self._first > LABEL_WAIT
@@ -80,12 +80,8 @@ class LiveRecorder:
     """Writes every image of some cameras to a new demonstration file.
 
     Each camera's thread encodes its images, and one thread writes them. The file is created by
-    `start`; images that arrive before are only counted. If a camera has sent labels before, its
-    recording begins with its next labelled image, because detectors look for labels in the first
-    frame. Each image keeps its own stamp.
-
-    An image that cannot be written is counted in `CameraRecord.lost`: when the machine is too slow
-    for seconds, or after an error.
+    `start`; images that arrive before are only counted. Each image keeps its own stamp. Images that
+    cannot be written, because the machine is too slow for seconds or after an error, are lost.
 
     Attributes:
         path: The file.
