@@ -43,6 +43,7 @@ app = typer.Typer(
     cls=_OrderOfWork,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
     epilog="Tab completion: run `poil --install-completion` and open a new terminal.",
 )
 app.add_typer(demo_app, name="demo")
