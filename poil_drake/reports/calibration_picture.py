@@ -65,7 +65,7 @@ def calibration_picture(
         axes[0].set_ylabel(camera.name)
         _draw_errors(axes[-1], own, errors, camera.name, result)
     figure.suptitle(
-        f"Board {board.config.columns} x {board.config.rows}; circles: detected corners, crosses: "
+        f"Board {board.columns} x {board.rows}; circles: detected corners, crosses: "
         f"computed; red: errors x {_MAGNIFICATION:g}",
         fontsize=10,
     )
@@ -95,10 +95,4 @@ def _draw_errors(
     limit = 1.1 * max(float(np.abs(error).max()) for error in kept)
     axis.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect="equal", xlabel="error [px]")
     axis.grid(alpha=0.3)
-    how = "pose kept"
-    if found.position_error > 0.0:
-        how = (
-            f"standard error {1e3 * found.position_error:.2f} mm, "
-            f"{np.rad2deg(found.rotation_error):.3f} deg"
-        )
-    axis.set_title(f"RMS {found.rms:.2f} px\n{how}", fontsize=9)
+    axis.set_title(f"RMS {found.rms:.2f} px\n{found.error_text}", fontsize=9)

@@ -81,7 +81,8 @@ def test_the_written_poses_are_within_1_mm_and_a_tenth_of_a_degree(
     for found, true in zip(camera_models(calibrated), truth, strict=True):
         assert np.linalg.norm(found.X_WC[:3, 3] - true.X_WC[:3, 3]) < 1e-3
         assert np.rad2deg(rotation_angle(found.X_WC[:3, :3].T @ true.X_WC[:3, :3])) < 0.1
-    assert "squares    38.0" in done.out if keep is None else "kept" in done.out
+    expected = "pose kept" if keep else r"38\.00 mm as stated, (37\.9|38\.0)\d \+- 0\.0\d mm by"
+    assert re.search(expected, done.out)
     with Image.open(tmp_path / "cameras.png") as picture:
         assert picture.width > 1000
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 1000
@@ -132,6 +133,11 @@ def test_a_recording_of_a_loose_board_gives_the_poses_between_cameras(
         assert np.rad2deg(rotation_angle(camera.X_WC[:3, :3].T @ true.X_WC[:3, :3])) < 0.1
     on_hand = command("calibrate", "cameras", "--views", "board.mcap")
     assert "'board.mcap' holds no joint positions" in on_hand.error
+    other = "{cameras: {right: {center_x: 310.0}}}"
+    done = command(
+        "calibrate", "cameras", "--views", "board.mcap", "--keep", "left", "--scenario_text", other
+    )
+    assert "Camera 'right' in 'board.mcap' has fx, fy, cx, cy" in done.error
 
 
 def test_no_file_of_the_user_is_overwritten(
@@ -155,6 +161,12 @@ def test_no_file_of_the_user_is_overwritten(
     [
         (["--cameras", "left,top"], "has no camera 'top'. Choose from: left, right"),
         (["--keep", "top"], "has no camera 'top'"),
+        (["--keep", "left", "--cameras", "left"], "Only the camera 'left' takes part"),
+        (["--output", "cameras.png"], "Use the suffix .yaml"),
+        (
+            ["--scenario_text", "{cameras: {right: {focal: !FocalLength {x: 600.0}}}}"],
+            "focal length of 46.*px for camera 'right'.*has 600.0 px.*cameras.right.focal",
+        ),
         (["--squares", "9x6"], "No image in .* shows the board of 9 x 6 squares"),
         (["--squares", "seven"], "--squares is 'seven', not two numbers such as 7x5"),
         (["--square", "0.036"], "fit squares of 38.0 mm.*36.0 mm.*--square"),

@@ -1,5 +1,6 @@
 """Views of a board, and checks of depth, through the real station from a stand-in's messages."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +36,6 @@ def test_a_view_holds_the_cameras_images_and_the_arms_posture(
             cell,
             tmp_path / "views",
             BOARD,
-            cameras=["left", "right"],
-            on_hand=True,
             ask=lambda prompt: next(rest),
             say=said.append,
         )
@@ -74,17 +73,18 @@ def test_the_real_cameras_depth_is_examined_without_commands(
 
 
 @pytest.mark.parametrize(
-    ("cameras", "on_hand", "missing"),
+    ("kept", "missing"),
     [
-        (["left", "right"], True, "the robot's status on PANDA_STATUS"),
+        (None, "the robot's status on PANDA_STATUS"),
         # A loose board needs no robot, and a camera that takes no part is not waited for.
-        (["right"], False, r"an image of the camera 'right'\. "),
+        ("left", r"an image of the camera 'left', an image of the camera 'right'\. "),
     ],
 )
 def test_what_sends_nothing_is_named(
-    scenario: Scenario, tmp_path: Path, cameras: list[str], on_hand: bool, missing: str
+    scenario: Scenario, tmp_path: Path, kept: str | None, missing: str
 ) -> None:
-    cell = hardware_scenario(scenario, ready_timeout=0.05)
+    third = replace(scenario, cameras={**scenario.cameras, "top": scenario.cameras["left"]})
+    cell = hardware_scenario(third, ready_timeout=0.05)
 
     with pytest.raises(StationError, match=f"still missing: {missing}"):
-        TakeViews(cell, tmp_path, BOARD, cameras=cameras, on_hand=on_hand, ask=lambda prompt: True)
+        TakeViews(cell, tmp_path, BOARD, cameras=["right"], kept=kept, ask=lambda prompt: True)
