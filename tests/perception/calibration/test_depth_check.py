@@ -179,6 +179,31 @@ def test_a_wrong_height_of_the_table_is_not_blamed_on_the_cameras(true: MultiVie
     assert dut.causes == {}
 
 
+def test_tables_that_are_tilted_apart_are_not_one_table_at_another_height() -> None:
+    bare = frame("left", "right", objects=False)
+    tilted = believed(0, turn=(1.0, 0, 0))(believed(1, turn=(-1.0, 0, 0))(bare))
+
+    dut = check_depth(tilted, HEIGHT)
+
+    assert dut.table_height is None
+    assert {name: cause.kind for name, (cause,) in dut.causes.items()} == {
+        "left": "pose",
+        "right": "pose",
+    }
+
+
+@pytest.mark.parametrize("names", [("left",), ("left", "right")])
+def test_a_table_that_is_far_off_is_not_blamed_on_depth(names: tuple[str, ...]) -> None:
+    # With two cameras, the second one does not confirm the height.
+    changed = believed(len(names) - 1, shift=(0, 0, 0.006))(frame(*names))
+
+    dut = check_depth(changed, 0.0)
+
+    assert dut.table_height is None
+    assert {cause.kind for causes in dut.causes.values() for cause in causes} == {"pose"}
+    assert set(dut.causes) == set(names)
+
+
 def test_without_objects_scale_and_height_cannot_be_told_apart() -> None:
     bare = measured(0, lambda z: 1.02 * z)(frame("left", "right", objects=False))
 
