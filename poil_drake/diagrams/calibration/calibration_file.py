@@ -51,11 +51,10 @@ def WriteCalibration(
         R_WC = RotationMatrix.ProjectToRotationMatrix(X_WC[:3, :3])
         X_PB = X_WP.inverse() @ RigidTransform(R_WC, X_WC[:3, 3]) @ X_BC.inverse()
         degrees = np.rad2deg(RollPitchYaw(X_PB.rotation()).vector())
-        base = config.X_PB.base_frame
         lines += [
             f"  {model.name}:  # {comment}",
             "    X_PB:",
-            *([f"      base_frame: {base}"] if base else []),
+            f"      base_frame: {config.X_PB.base_frame or 'world'}",
             f"      translation: {_numbers(X_PB.translation(), 6)}",
             f"      rotation: !Rpy {{ deg: {_numbers(degrees, 5)} }}",
         ]
