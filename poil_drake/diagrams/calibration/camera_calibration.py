@@ -52,11 +52,11 @@ def TakeViews(
     cameras: Sequence[str] = (),
     kept: str | None = None,
     ask: Callable[[str], bool],
-    say: Callable[[str], None] = print,
 ) -> None:
     """Takes views of a board with a scenario's real cameras, and adds them to a folder.
 
     Nothing is sent to the robot. A view is saved at once, if at least one camera sees the board.
+    Prints a line for each view.
 
     Args:
         scenario: Describes the cameras and the robot's network.
@@ -66,7 +66,6 @@ def TakeViews(
         kept: For a loose board, another one; None for a board on the hand, for which the robot's
             joint positions are needed.
         ask: Waits until the user wants the next view; returns False to end. Called with a prompt.
-        say: Called with a line for each view.
 
     Raises:
         PoilError: if a camera or the robot sends nothing.
@@ -74,7 +73,7 @@ def TakeViews(
     chosen = _choose_cameras(scenario, cameras, kept)
     names = {path.stem.partition("_")[0] for path in folder.glob("*_*.png")}
     if names:
-        say(
+        print(
             f"'{folder}' has {len(names)} views, to which new ones are added; remove them if the "
             "cameras, or the board on the hand, have moved since"
         )
@@ -88,18 +87,18 @@ def TakeViews(
             q = station.ArmPosition(context) if kept is None else None
             taken = station.TakeImages(context)
             if q is not None and np.abs(station.ArmPosition(context) - q).max() > _STILL:
-                say("  not taken: the arm moves")
+                print("  not taken: the arm moves")
                 continue
             images = dict(zip(station.camera_names, (i.rgb for i in taken), strict=True))
             found = {name: board.detect(image) for name, image in images.items()}
             counts = {name: 0 if c is None else len(c[0]) for name, c in found.items()}
             seen = ", ".join(f"{name} {n} of {len(board.corners)}" for name, n in counts.items())
             if not any(counts.values()):
-                say("  not taken: no camera sees the board")
+                print("  not taken: no camera sees the board")
                 continue
             save_view(folder, View(f"{number:02d}", images, q))
             number += 1
-            say(f"  corners: {seen}")
+            print(f"  corners: {seen}")
     finally:
         station.Close()
 

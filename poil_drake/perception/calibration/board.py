@@ -125,17 +125,8 @@ class CalibrationBoard:
             f"poil {self.columns} x {self.rows}, {self.dictionary}: print at 100 %, then "
             f"measure the squares: {1e3 * self.square:g} mm?"
         )
-        scale = dpi / _DPI
-        cv2.putText(
-            page,
-            caption,
-            (margin, margin + size[1] + round(0.7 * margin)),
-            cv2.FONT_HERSHEY_SIMPLEX,
-            1.6 * scale,
-            128,
-            round(3 * scale),
-            cv2.LINE_AA,
-        )
+        below = (margin, margin + size[1] + round(0.7 * margin))
+        cv2.putText(page, caption, below, cv2.FONT_HERSHEY_SIMPLEX, 1.6, 128, 3, cv2.LINE_AA)
         path.parent.mkdir(parents=True, exist_ok=True)
         Image.fromarray(page).save(path, dpi=(dpi, dpi), resolution=dpi)
         return page.shape[1] / dpi * _INCH, page.shape[0] / dpi * _INCH

@@ -110,21 +110,16 @@ def _read_positions(path: Path) -> dict[str, np.ndarray]:
 
 def _rows(path: Path, rows: Iterable[list[str]]) -> Iterable[tuple[str, np.ndarray]]:
     for number, row in enumerate(rows, start=1):
-        if not row or tuple(row[:1]) == _HEADER[:1]:
+        if not row or row[0] == "view":
             continue
         try:
             q = np.array([float(value) for value in row[1:]])
         except ValueError:
-            q = np.full(1, np.nan)
-        if q.shape != (NUM_JOINTS,) or not np.isfinite(q).all():
+            q = np.array([np.nan])
+        if q.shape != (NUM_JOINTS,) or not (np.abs(q) < 2.0 * np.pi).all():
             raise CalibrationError(
-                f"Line {number} of '{path}' is not a view's name and {NUM_JOINTS} numbers: "
+                f"Line {number} of '{path}' is not a view's name and {NUM_JOINTS} angles: "
                 f"{','.join(row)[:80]}",
-                remedy="Write the name of the view, then the arm's joint positions [rad].",
-            )
-        if np.abs(q).max() > 2.0 * np.pi:
-            raise CalibrationError(
-                f"Line {number} of '{path}' has a joint at {np.abs(q).max():g} rad.",
-                remedy="Write radians, not degrees.",
+                remedy="Write the name of the view, then the arm's joint positions in radians.",
             )
         yield row[0].strip(), q
