@@ -1,6 +1,7 @@
 """`poil calibrate` on views that Drake renders of a board in the robot's hand."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from poil_drake.diagrams.scenario.load import DumpScenario, LoadScenario, defaul
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
 from poil_drake.diagrams.station.station import MakeStation
-from poil_drake.geometry.rigid_transform import rotation_angle
+from poil_drake.errors import DemonstrationError
+from poil_drake.geometry.rigid_transform import make_transform, rotation_angle
 from poil_drake.perception.calibration.view_folder import load_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
 pytestmark = pytest.mark.render
@@ -116,14 +119,19 @@ def test_a_recording_of_a_loose_board_gives_the_poses_between_cameras(
         for _ in range(2)  # The board rests for two frames.
     ]
     depth = np.ones((480, 640))
+    # The recording's poses do not count; these are those of links, which look along x.
+    X_WC = make_transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.5, 0, 1])
+    recorded = tuple(replace(model, X_WC=X_WC) for model in models)
     with DemonstrationWriter(tmp_path / "board.mcap", ["left", "right"], {}) as writer:
         for k, images in enumerate(instants):
             writer.write(
                 MultiViewFrame(
-                    models, tuple(RgbdImage(rgb, depth, 0.1 * k) for rgb in images.values())
+                    recorded, tuple(RgbdImage(rgb, depth, 0.1 * k) for rgb in images.values())
                 )
             )
 
+    with pytest.raises(DemonstrationError, match="is that of a link"):
+        load_demonstration(tmp_path / "board.mcap")
     done = command("calibrate", "cameras", "--views", "board.mcap", "--keep", "left")
 
     assert done.status == 0, done.err

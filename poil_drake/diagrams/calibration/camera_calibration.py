@@ -176,7 +176,8 @@ def _load(
             remedy="Take views with --hardware; or, if the board was loose, name the camera whose "
             "pose is right with --keep.",
         )
-    recording = load_demonstration(path, cameras=[camera.name for camera in cameras])
+    names = [camera.name for camera in cameras]
+    recording = load_demonstration(path, cameras=names, plausible=False)
     for recorded, camera in zip(recording.cameras, cameras, strict=True):
         check_same_view(recorded, camera, source=f"Camera '{camera.name}' in '{path}'")
     return resting_views(recording.frames, board)
