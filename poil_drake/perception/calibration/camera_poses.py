@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from poil_drake.errors import CalibrationError
 from poil_drake.geometry.rigid_transform import rotation_log
@@ -35,9 +36,10 @@ one corner, if its error exceeds this multiple of its image's median."""
 _LARGEST_LEFT_OUT = 0.25  # of the images
 _LARGEST_RMS = 3.0  # reprojection error of half of the images [px]; good cameras reach 0.1 to 1
 
-_WRONG_LENGTH, _SIGNIFICANT = 0.01, 4.0
-"""A stated length is wrong if the one that fits the views differs by this fraction and by this many
-standard errors. Such a focal length moves the camera by 7 mm at 0.7 m, at a good reprojection."""
+_WRONG_LENGTH, _CHANCE = 0.01, 1e-4
+"""A stated length is wrong if the one that fits the views differs by this fraction, and would by
+chance with this probability. Such a focal length moves the camera by 7 mm at 0.7 m, yet reprojects
+well."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +49,6 @@ class FittingLength:
     stated: float
     found: float
     error: float
-
-    @property
-    def is_wrong(self) -> bool:
-        """Whether the stated length contradicts the views."""
-        limit = max(_WRONG_LENGTH * self.stated, _SIGNIFICANT * self.error)
-        return abs(self.found - self.stated) > limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,20 +174,22 @@ def _fitting_lengths(
     solution = minimize(problem, problem.start_with_scales)
     scales = solution.x[len(problem.start) :]
     errors = np.sqrt(jackknife(solution, problem.view_of_row)[len(problem.start) :])
+    limit = student_t.isf(_CHANCE, len(np.unique(problem.view_of_row)) - 1) * errors
+    wrong = np.abs(scales - 1.0) > np.maximum(limit, _WRONG_LENGTH)
     lengths = [
         FittingLength(stated, float(stated * scale), float(stated * error))
         for stated, scale, error in zip(problem.lengths, scales, errors, strict=True)
     ]
     focal_lengths = dict(zip(problem.names, lengths, strict=False))
     square = lengths[-1] if len(lengths) > len(focal_lengths) else None
-    if square is not None and square.is_wrong:
+    if square is not None and wrong[-1]:
         raise CalibrationError(
             f"The hand's motions fit squares of {1e3 * square.found:.1f} mm, but the board is said "
             f"to have squares of {1e3 * square.stated:.1f} mm.",
             remedy="Measure a row of squares on the print, and give the edge with --square [m].",
         )
-    for name, length in focal_lengths.items():
-        if length.is_wrong:
+    for (name, length), is_wrong in zip(focal_lengths.items(), wrong, strict=False):
+        if is_wrong:
             raise CalibrationError(
                 f"The views fit a focal length of {length.found:.1f} px for camera '{name}', but "
                 f"the scenario has {length.stated:.1f} px.",
