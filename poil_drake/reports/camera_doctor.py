@@ -111,6 +111,8 @@ def _pair_finding(names: tuple[str, str], pair: PairFit | None, check: DepthChec
         f"by [{x:.1f}, {y:.1f}, {z:.1f}] mm and turns by {np.rad2deg(pair.turn):.2f} deg"
     )
     tables = [check.tables[camera] for camera in names]
+    if np.isinf(pair.distance):
+        found = "see the objects above the table in different places"
     blamed = [n for n, fit in zip(names, tables, strict=True) if fit is None or not fit.ok]
     if blamed:
         remedy = f"First mend {' and '.join(blamed)}, then check again."

@@ -67,6 +67,16 @@ def test_a_sideways_error_is_blamed_on_the_poses() -> None:
     assert "a pose is off sideways. Run poil calibrate cameras." in pair.remedy
 
 
+def test_clouds_that_are_too_far_apart_to_compare_are_a_fault() -> None:
+    apart = PairFit(distance=np.inf, disagreement=np.inf, shift=np.full(3, np.nan), turn=np.nan)
+
+    *_, pair = camera_findings(check(pairs={("left", "right"): apart}))
+
+    assert not pair.ok
+    assert pair.found == "see the objects above the table in different places"
+    assert "a pose is off sideways" in pair.remedy
+
+
 def test_a_third_camera_tells_which_pose_is_off() -> None:
     pairs = {("left", "right"): MISFIT, ("left", "top"): MISFIT, ("right", "top"): FIT}
     tables = {name: GOOD for name in ("left", "right", "top")}

@@ -25,6 +25,7 @@ from poil_drake.perception.calibration.view_cloud import (
     ViewCloud,
     correspondences,
     find_table,
+    looks_through,
 )
 from poil_drake.perception.images import MultiViewFrame
 
@@ -63,7 +64,7 @@ class TableFit:
 
 @dataclass(frozen=True, eq=False)
 class PairFit:
-    """How the clouds of two cameras fit.
+    """How the clouds of two cameras fit; infinite and NaN if they are too far apart to tell.
 
     Attributes:
         distance: Median distance of corresponding points along the normals, above the table [m].
@@ -170,7 +171,9 @@ def _fit_pair(first: ViewCloud, second: ViewCloud, table_height: float) -> PairF
     """Aligns the first cloud with the second by ICP with distances along the normals."""
     p, q, normals = correspondences(first, second, table_height)
     if len(p) < _FEWEST_PAIRS:
-        return None
+        apart = looks_through(first, second, table_height)
+        apart |= looks_through(second, first, table_height)
+        return PairFit(np.inf, np.inf, np.full(3, np.nan), np.nan) if apart else None
     distance = float(np.median(np.abs(np.vecdot(normals, p - q))))
     start, moved, motion = p, first, np.eye(4)
     for _ in range(15):

@@ -160,6 +160,26 @@ def test_a_sideways_error_shows_only_between_two_cameras(
     np.testing.assert_allclose(pair.shift, shift, atol=0.0006)
 
 
+@pytest.mark.parametrize("shift", [(0.08, 0, 0), (0, -0.3, 0)])
+def test_cameras_that_are_far_apart_sideways_do_not_pass(
+    true: MultiViewFrame, shift: tuple
+) -> None:
+    dut = check_depth(believed(0, shift=shift)(true), HEIGHT)
+
+    assert all(fit is not None and fit.ok for fit in dut.tables.values())
+    pair = dut.pairs["left", "right"]
+    assert pair is not None
+    assert not pair.ok
+
+
+def test_objects_that_only_one_camera_measures_tell_nothing(true: MultiViewFrame) -> None:
+    bare = depth_image(true.cameras[1], objects=False, seed=1)
+
+    dut = check_depth(measured(1, lambda z: np.where(z < bare - 0.001, 0.0, z))(true), HEIGHT)
+
+    assert dut.pairs == {("left", "right"): None}
+
+
 def test_the_same_wrong_scale_of_both_cameras_is_not_a_wrong_table(true: MultiViewFrame) -> None:
     change = measured(0, lambda z: 1.02 * z)(measured(1, lambda z: 1.02 * z)(true))
 
