@@ -173,6 +173,7 @@ def test_no_file_of_the_user_is_overwritten(
         (["--keep", "top"], "has no camera 'top'"),
         (["--keep", "left", "--cameras", "left"], "Only the camera 'left' takes part"),
         (["--output", "cameras.png"], "Use the suffix .yaml"),
+        (["--hardware", "--views", "/dev/null"], "'/dev/null/.*' cannot be written"),
         (
             ["--scenario_text", "{cameras: {right: {focal: !FocalLength {x: 600.0}}}}"],
             "focal length of 46.*px for camera 'right'.*has 600.0 px.*cameras.right.focal",

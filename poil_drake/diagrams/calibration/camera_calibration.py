@@ -15,12 +15,18 @@ from poil_drake.perception.calibration.board import CalibrationBoard
 from poil_drake.perception.calibration.camera_poses import CalibrationResult, calibrate_cameras
 from poil_drake.perception.calibration.first_guess import BoardView
 from poil_drake.perception.calibration.resting_views import resting_views
-from poil_drake.perception.calibration.view_folder import View, load_views, save_view
+from poil_drake.perception.calibration.view_folder import (
+    POSITIONS_FILE,
+    View,
+    load_views,
+    save_view,
+)
 from poil_drake.perception.capture.checks import check_same_view
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.reports.calibration_picture import calibration_picture
 from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.runtime.output_files import require_writable
 
 _STILL = 1e-3
 """Largest motion of a joint while a view is taken [rad]: 1 mm at the hand."""
@@ -68,9 +74,10 @@ def TakeViews(
         ask: Waits until the user wants the next view; returns False to end. Called with a prompt.
 
     Raises:
-        PoilError: if a camera or the robot sends nothing.
+        PoilError: if a camera or the robot sends nothing, or the folder cannot be written.
     """
     chosen = _choose_cameras(scenario, cameras, kept)
+    require_writable(folder / POSITIONS_FILE)
     names = {path.stem.partition("_")[0] for path in folder.glob("*_*.png")}
     if names:
         print(
@@ -168,7 +175,7 @@ def CalibrateCameras(
 def _load(
     path: Path, cameras: Sequence[CameraModel], board: CalibrationBoard, *, on_hand: bool
 ) -> list[View]:
-    if path.suffix != ".mcap":
+    if path.is_dir() or path.suffix != ".mcap":
         return load_views(path, cameras, on_hand=on_hand)
     if on_hand:
         raise CalibrationError(
