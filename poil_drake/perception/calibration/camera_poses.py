@@ -87,7 +87,7 @@ class CalibrationResult:
 
     Attributes:
         cameras: Name -> result.
-        boards: View -> (4, 4) pose X_WB of the board [m], for each view that was used.
+        boards: View -> (4, 4) pose X_WB of the board [m].
         left_out: Images that do not fit the others.
         square: The edge of the squares [m]; None for a loose board.
     """
@@ -140,7 +140,8 @@ def calibrate_cameras(
     good = [view for view, ok in zip(clean, fits, strict=True) if ok]
     _check_views(cameras, good, hand_poses)
 
-    problem = Reprojection(cameras, good, board, hand_poses, problem.poses(x), known)
+    start = problem.poses(x)
+    problem = Reprojection(cameras, good, board, hand_poses, start, known)
     focal_lengths, square = _fitting_lengths(problem)
     solution = minimize(problem, problem.start)
     variances = jackknife(solution, problem.view_of_row).reshape(-1, 6)
@@ -160,7 +161,7 @@ def calibrate_cameras(
         )
 
     results = {camera.name: calibration(camera.name) for camera in cameras}
-    return CalibrationResult(results, boards, left_out, square)
+    return CalibrationResult(results, {**start[1], **boards}, left_out, square)
 
 
 def _fitting_lengths(

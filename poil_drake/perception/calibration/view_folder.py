@@ -5,7 +5,7 @@ An image is named <view>_<camera>.png, e.g. 03_left.png. If the board is on the 
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -104,12 +104,9 @@ def _read_positions(path: Path) -> dict[str, np.ndarray]:
             remedy=f"Write it, with the columns {', '.join(_HEADER)} [rad]; or, for a loose board, "
             "name the camera whose pose is right with --keep.",
         )
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        return dict(_rows(path, csv.reader(file)))
-
-
-def _rows(path: Path, rows: Iterable[list[str]]) -> Iterable[tuple[str, np.ndarray]]:
-    for number, row in enumerate(rows, start=1):
+    found = {}
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    for number, row in enumerate(csv.reader(text.splitlines()), start=1):
         if not row or row[0] == "view":
             continue
         try:
@@ -122,4 +119,5 @@ def _rows(path: Path, rows: Iterable[list[str]]) -> Iterable[tuple[str, np.ndarr
                 f"{','.join(row)[:80]}",
                 remedy="Write the name of the view, then the arm's joint positions in radians.",
             )
-        yield row[0].strip(), q
+        found[row[0].strip()] = q
+    return found
