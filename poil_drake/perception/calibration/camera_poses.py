@@ -140,28 +140,26 @@ def calibrate_cameras(
     good = [view for view, ok in zip(clean, fits, strict=True) if ok]
     _check_views(cameras, good, hand_poses)
 
-    start = problem.poses(x)
-    problem = Reprojection(cameras, good, board, hand_poses, start, known)
+    problem = Reprojection(cameras, good, board, hand_poses, problem.poses(x), known)
     focal_lengths, square = _fitting_lengths(problem)
     solution = minimize(problem, problem.start)
-    variances = jackknife(solution, problem.view_of_row).reshape(-1, 6)
-    variance = dict(zip(problem.free, variances, strict=False))
+    variances, free = np.zeros((len(cameras), 6)), problem.free
+    spread = jackknife(solution, problem.view_of_row)
+    variances[free] = spread[: 6 * len(free)].reshape(-1, 6)
     found, boards, _ = problem.poses(solution.x)
     rms = problem.image_rms(solution.x)
 
-    def calibration(name: str) -> CameraCalibration:
+    results = {}
+    for name, variance in zip(problem.names, variances, strict=True):
         own = [error for error, view in zip(rms, good, strict=True) if view.camera == name]
-        squares = variance.get(name, np.zeros(6))
-        return CameraCalibration(
+        results[name] = CameraCalibration(
             X_WC=found[name],
             rms=float(np.sqrt(np.mean(np.square(own)))),
-            position_error=float(np.sqrt(squares[3:].sum())),
-            rotation_error=float(np.sqrt(squares[:3].sum())),
+            position_error=float(np.sqrt(variance[3:].sum())),
+            rotation_error=float(np.sqrt(variance[:3].sum())),
             focal_length=focal_lengths[name],
         )
-
-    results = {camera.name: calibration(camera.name) for camera in cameras}
-    return CalibrationResult(results, {**start[1], **boards}, left_out, square)
+    return CalibrationResult(results, boards, left_out, square)
 
 
 def _fitting_lengths(

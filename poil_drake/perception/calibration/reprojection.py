@@ -29,7 +29,7 @@ class Reprojection:
 
     Attributes:
         names: The cameras.
-        free: The cameras whose poses are unknown.
+        free: Indices of the cameras whose poses are unknown.
         lengths: Focal length of each camera [px]; for a board on the hand, also the squares' edge
             [m].
         start: The unknowns before the minimization.
@@ -46,21 +46,12 @@ class Reprojection:
         start: Poses,
         known: Collection[str],
     ):
-        """Constructs the problem; see `calibrate_cameras`.
-
-        Args:
-            cameras: The cameras.
-            views: The images in which the board was found.
-            board: The board.
-            hand_poses: (V, 4, 4) poses X_WG of the hand [m]; None for a loose board.
-            start: The poses before the minimization.
-            known: Cameras whose poses are kept.
-        """
+        """Constructs the problem from all poses at the start; those of known cameras are kept."""
         found, boards, self._X_GB = start
         self._hand_poses = hand_poses
         self.names = [camera.name for camera in cameras]
-        self.free = [name for name in self.names if name not in known]
-        self._numbers = sorted({view.view for view in views})
+        self.free = [k for k, name in enumerate(self.names) if name not in known]
+        self._numbers = sorted(boards)
         self._cameras = np.stack([found[name] for name in self.names])
         self._boards = np.stack([boards[number] for number in self._numbers])
         lengths = [len(view.corners) for view in views]
@@ -104,13 +95,7 @@ class Reprojection:
     def without_outliers(
         self, views: Sequence[BoardView], x: np.ndarray, factor: float
     ) -> list[BoardView]:
-        """Returns the views without corners whose error exceeds `factor` times the view's median.
-
-        Args:
-            views: The problem's views.
-            x: The unknowns.
-            factor: See above.
-        """
+        """Returns the views without corners whose error is `factor` times their view's median."""
         sizes = np.linalg.norm(self.errors(x).reshape(-1, 2), axis=1)
         kept = []
         for image, view in enumerate(views):
@@ -127,9 +112,8 @@ class Reprojection:
     def _moved(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         steps = x[: len(self.start)].reshape(-1, 6)
         cameras = self._cameras.copy()
-        which = [self.names.index(name) for name in self.free]
-        cameras[which] = _stepped(cameras[which], steps[: len(which)])
-        rest = steps[len(which) :]
+        cameras[self.free] = _stepped(cameras[self.free], steps[: len(self.free)])
+        rest = steps[len(self.free) :]
         if self._hand_poses is None:
             return cameras, _stepped(self._boards, rest), self._X_GB
         X_GB = _stepped(self._X_GB, rest[0])
