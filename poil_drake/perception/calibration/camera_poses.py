@@ -36,10 +36,10 @@ one corner, if its error exceeds this multiple of its image's median."""
 _LARGEST_LEFT_OUT = 0.25  # of the images
 _LARGEST_RMS = 3.0  # reprojection error of half of the images [px]; good cameras reach 0.1 to 1
 
-_WRONG_LENGTH, _CHANCE = 0.01, 1e-4
-"""A stated length is wrong if the one that fits the views differs by this fraction, and would by
-chance with this probability. Such a focal length moves the camera by 7 mm at 0.7 m, yet reprojects
-well."""
+_WRONG_LENGTH, _DISTORTED, _CHANCE = 0.01, 0.05, 1e-4
+"""A stated length is wrong if the one that fits the views differs by this fraction, and an image is
+distorted if |k1| exceeds this, unless by chance with this probability. Such a focal length moves a
+camera by 7 mm at 0.7 m, such a distortion by 1 mm, yet both reproject well."""
 
 
 @dataclass(frozen=True)
@@ -122,14 +122,15 @@ def calibrate_cameras(
 
     Raises:
         CalibrationError: if there are too few views, if the hand turns too little, if the views do
-            not fit one board, or if they show that the squares' edge or a focal length is wrong.
+            not fit one board, or if they show that the squares' edge or a focal length is wrong, or
+            that a lens distorts.
     """
     _check_views(cameras, views, hand_poses)
     known = {camera.name: camera.X_WC for camera in cameras if camera.name == kept}
     start = first_guess(cameras, views, board, hand_poses, known)
     problem = Reprojection(cameras, views, board, hand_poses, start, known)
     # An image that does not fit, e.g. one of a moving arm, must not spoil the others.
-    x = minimize(problem, problem.start_with_scales, "soft_l1").x
+    x = minimize(problem, problem.start_corrected, "soft_l1").x
     errors = problem.image_rms(x)
     median = float(np.median(errors))
     fits = errors <= max(_OUTLIER_FACTOR * median, _LEAST_OUTLIER)
@@ -168,13 +169,21 @@ def _fitting_lengths(
     """Returns each camera's focal length [px], and the squares' edge [m] for a board on the hand.
 
     Raises:
-        CalibrationError: if a stated length is wrong.
+        CalibrationError: if a stated length is wrong, or a lens distorts.
     """
-    solution = minimize(problem, problem.start_with_scales)
-    scales = solution.x[len(problem.start) :]
-    errors = np.sqrt(jackknife(solution, problem.view_of_row)[len(problem.start) :])
-    limit = student_t.isf(_CHANCE, len(np.unique(problem.view_of_row)) - 1) * errors
-    wrong = np.abs(scales - 1.0) > np.maximum(limit, _WRONG_LENGTH)
+    solution = minimize(problem, problem.start_corrected)
+    first, count = len(problem.start), len(problem.names)
+    distortion, scales = np.split(solution.x[first:], [count])
+    all_errors = np.sqrt(jackknife(solution, problem.view_of_row)[first:])
+    limits = student_t.isf(_CHANCE, len(np.unique(problem.view_of_row)) - 1) * all_errors
+    errors = all_errors[count:]
+    wrong = np.abs(scales - 1.0) > np.maximum(limits[count:], _WRONG_LENGTH)
+    for name, k1, limit in zip(problem.names, distortion, limits, strict=False):
+        if abs(k1) > max(limit, _DISTORTED):
+            raise CalibrationError(
+                f"The images of camera '{name}' have a lens distortion of k1 = {k1:.2f}.",
+                remedy="Rectify them where they are captured, and state their focal length then.",
+            )
     lengths = [
         FittingLength(stated, float(stated * scale), float(stated * error))
         for stated, scale, error in zip(problem.lengths, scales, errors, strict=True)

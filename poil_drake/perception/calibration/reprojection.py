@@ -25,7 +25,8 @@ class Reprojection:
 
     The unknowns are six numbers for each pose X: a turn w and a shift t, so that the pose is
     (exp(w) R, p + t) for X = (R, p). First come the cameras, then X_GB or the boards of the views.
-    Factors may follow that scale the `lengths`.
+    Corrections may follow: the first coefficient k1 of the radial distortion of each camera, and
+    factors of the `lengths`.
 
     Attributes:
         names: The cameras.
@@ -33,7 +34,7 @@ class Reprojection:
         lengths: Focal length of each camera [px]; for a board on the hand, also the squares' edge
             [m].
         start: The unknowns before the minimization.
-        start_with_scales: The same, with the factors.
+        start_corrected: The same, with corrections.
         view_of_row: (2M,) index of the view to which an error belongs.
     """
 
@@ -67,7 +68,9 @@ class Reprojection:
             self.lengths.append(board.square)
         unknown = len(self.free) + (1 if hand_poses is not None else len(self._numbers))
         self.start = np.zeros(6 * unknown)
-        self.start_with_scales = np.append(self.start, np.ones(len(self.lengths)))
+        self.start_corrected = np.concatenate(
+            [self.start, np.zeros(len(cameras)), np.ones(len(self.lengths))]
+        )
 
     def poses(self, x: np.ndarray) -> Poses:
         """Returns all poses for the changes x."""
@@ -81,16 +84,18 @@ class Reprojection:
     def errors(self, x: np.ndarray) -> np.ndarray:
         """Returns the reprojection errors (2M,) [px] for the changes x."""
         cameras, boards, _ = self._moved(x)
-        scales = np.ones(len(self.names) + 1)
-        given = x[len(self.start) :]
-        scales[: len(given)] = given
+        distortion, scales = np.zeros(len(self.names)), np.ones(len(self.names) + 1)
+        if len(x) > len(self.start):
+            distortion, given = np.split(x[len(self.start) :], [len(self.names)])
+            scales[: len(given)] = given
         X_CB = inverse(cameras)[self._camera] @ boards[self._view]
         p = transform_points(X_CB, scales[-1] * self._corners[:, None])[:, 0]
-        p[:, :2] *= scales[self._camera, None]
-        homogeneous = np.einsum("mij,mj->mi", self._K, p)
         # A corner behind a camera gives a large error instead of a mirrored pixel.
-        depth = np.maximum(homogeneous[:, 2:], 1e-3)
-        return (homogeneous[:, :2] / depth - self._pixels).ravel()
+        p /= np.maximum(p[:, 2:], 1e-3)
+        squared_radius = np.sum(p[:, :2] ** 2, axis=1)
+        k1, scale = distortion[self._camera], scales[self._camera]
+        p[:, :2] *= (scale * (1.0 + k1 * squared_radius))[:, None]
+        return (np.einsum("mij,mj->mi", self._K[:, :2], p) - self._pixels).ravel()
 
     def without_outliers(
         self, views: Sequence[BoardView], x: np.ndarray, factor: float

@@ -19,7 +19,7 @@ from poil_drake.geometry.rigid_transform import (
 )
 from poil_drake.perception.calibration.board import CalibrationBoard
 from poil_drake.perception.calibration.camera_poses import CalibrationResult, calibrate_cameras
-from poil_drake.perception.calibration.first_guess import robot_world_hand_eye
+from poil_drake.perception.calibration.first_guess import BoardView, robot_world_hand_eye
 from poil_drake.perception.images import CameraModel
 
 
@@ -36,6 +36,17 @@ def errors(result: CalibrationResult, truth: Sequence[CameraModel]) -> tuple[flo
 def misplaced(models: Sequence[CameraModel], *kept: str) -> list[CameraModel]:
     """Returns cameras with the same intrinsics at other poses, except those that are kept."""
     return [model if model.name in kept else replace(model, X_WC=np.eye(4)) for model in models]
+
+
+def calibrate(
+    models: Sequence[CameraModel],
+    views: Sequence[BoardView],
+    poses: np.ndarray,
+    kept: str | None = None,
+) -> CalibrationResult:
+    """Calibrates with a loose board if a camera is kept, else with the board on the hand."""
+    hands = None if kept else poses @ inverse(X_GB)
+    return calibrate_cameras(models, views, BOARD, hand_poses=hands, kept=kept)
 
 
 @settings(max_examples=20)
@@ -56,12 +67,7 @@ def test_the_closed_form_is_exact_without_noise(seed: int, count: int) -> None:
 def test_a_board_on_the_hand_gives_exact_poses_without_noise(names: tuple[str, ...]) -> None:
     models, poses = cameras(*names), board_poses(12)
 
-    found = calibrate_cameras(
-        misplaced(models),
-        exact_views(models, poses),
-        BOARD,
-        hand_poses=poses @ inverse(X_GB),
-    )
+    found = calibrate(misplaced(models), exact_views(models, poses), poses)
 
     assert max(errors(found, models)) < 1e-6
     assert found.square is not None
@@ -76,7 +82,7 @@ def test_a_loose_board_connects_cameras_that_share_no_view() -> None:
     unseen = {"left": set(range(6)), "middle": set(), "right": set(range(6, 12))}
     views = [v for v in exact_views(models, poses) if v.view not in unseen[v.camera]]
 
-    found = calibrate_cameras(misplaced(models, "left"), views, BOARD, kept="left")
+    found = calibrate(misplaced(models, "left"), views, poses, "left")
 
     assert max(errors(found, models)) < 1e-6
     np.testing.assert_array_equal(found.cameras["left"].X_WC, models[0].X_WC)
@@ -122,7 +128,7 @@ def test_a_misplaced_corner_has_no_influence() -> None:
     pixels[7] += [3.0, -2.0]
     views[3] = replace(views[3], pixels=pixels)
 
-    found = calibrate_cameras(models, views, BOARD, hand_poses=poses @ inverse(X_GB))
+    found = calibrate(models, views, poses)
 
     assert max(errors(found, models)) < 1e-6
 
@@ -150,14 +156,23 @@ def test_a_wrong_focal_length_is_refused_though_it_reprojects_well(
     wrong = [replace(m, K=m.K * scale) if m.name == name else m for m in models]
 
     with pytest.raises(CalibrationError, match=rf"56\d\.\d px for camera '{name}', but") as caught:
-        calibrate_cameras(
-            wrong,
-            exact_views(models, poses, noise=0.1),
-            BOARD,
-            hand_poses=None if kept else poses @ inverse(X_GB),
-            kept=kept,
-        )
+        calibrate(wrong, exact_views(models, poses, noise=0.1), poses, kept)
     assert f"has {566.0 * factor:.1f} px" in caught.value.problem
+
+
+@pytest.mark.parametrize("kept", [None, "left"])
+@pytest.mark.parametrize("k1", [-0.25, 0.1])
+def test_images_with_lens_distortion_are_refused(kept: str | None, k1: float) -> None:
+    models, poses = cameras("left", "right"), board_poses(15)
+    views, K = exact_views(models, poses, noise=0.1), models[1].K
+    for k, view in enumerate(views):
+        if view.camera == "right":
+            x = (view.pixels - K[:2, 2]) / K[[0, 1], [0, 1]]
+            x *= 1.0 + k1 * (x**2).sum(axis=1, keepdims=True)
+            views[k] = replace(view, pixels=x * K[[0, 1], [0, 1]] + K[:2, 2])
+
+    with pytest.raises(CalibrationError, match=rf"camera 'right' .* k1 = {k1:.1f}"):
+        calibrate(models, views, poses, kept)
 
 
 def test_a_board_that_slips_is_refused() -> None:
@@ -175,7 +190,7 @@ def test_too_few_views_of_one_camera_are_refused_by_its_name() -> None:
     views = [v for v in exact_views(models, poses) if v.camera == "left" or v.view < 5]
 
     with pytest.raises(CalibrationError, match=r"Camera 'right' sees the board in 5 usable views"):
-        calibrate_cameras(models, views, BOARD, hand_poses=poses @ inverse(X_GB))
+        calibrate(models, views, poses)
 
 
 def test_a_hand_that_turns_about_one_axis_is_refused() -> None:
@@ -185,9 +200,7 @@ def test_a_hand_that_turns_about_one_axis_is_refused() -> None:
     poses[:, :3, :3] = poses[0, :3, :3] @ turns
 
     with pytest.raises(CalibrationError, match=r"31 degrees \(RMS\) about one axis, 0 about"):
-        calibrate_cameras(
-            models, exact_views(models, poses), BOARD, hand_poses=poses @ inverse(X_GB)
-        )
+        calibrate(models, exact_views(models, poses), poses)
 
 
 def test_cameras_that_nothing_connects_are_refused() -> None:
@@ -196,4 +209,4 @@ def test_cameras_that_nothing_connects_are_refused() -> None:
     views = [v for v in exact_views(models, poses) if v.camera in pairs[v.view // 4]]
 
     with pytest.raises(CalibrationError, match=r"No view connects camera 'far' with left"):
-        calibrate_cameras(models, views, BOARD, kept="left")
+        calibrate(models, views, poses, "left")
