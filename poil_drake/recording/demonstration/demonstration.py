@@ -93,7 +93,9 @@ class Demonstration:
             ) from error
 
 
-def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:
+def load_demonstration(
+    path: str | Path, *, cameras: Sequence[str] | None = None, plausible: bool = True
+) -> Demonstration:
     """Loads a demonstration in the layout of docs/demonstration_format.md.
 
     The file is read once and checked; images are decoded when they are accessed.
@@ -101,6 +103,7 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
     Args:
         path: The MCAP file.
         cameras: The cameras to use; by default all in the file.
+        plausible: Whether to refuse implausible depth and camera poses.
 
     Raises:
         DemonstrationError: if the file is missing, damaged or incomplete. The message names the
@@ -127,7 +130,8 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
         path, list(zip(*views, strict=True)), parse_label_ids(path, contents.metadata)
     )
     demonstration = Demonstration(frames, contents.metadata, contents.scenario_text, name=str(path))
-    demonstration.check_plausible()
+    if plausible:
+        demonstration.check_plausible()
     return demonstration
 
 
