@@ -33,18 +33,19 @@ def settle_stamps(path: Path, frames: FrameTree, cameras: Mapping[str, CameraCon
         DemonstrationError: if they do not advance, or are of different clocks. The message names
             the topics, the time and the gap.
     """
-    streams = color_and_depth(cameras).values()
-    unstamped = any(not any(image.stamp for image in images) for images in streams)
+    streams = color_and_depth(cameras)
+    unstamped = any(not any(image.stamp for image in images) for images in streams.values())
     if unstamped:
         frames.use_log_times()
     for camera in cameras.values():
         labels_unstamped = camera.image[0].stamp and not any(i.stamp for i in camera.label)
         for kind in ("image", "depth", "label"):
             if unstamped or (kind == "label" and labels_unstamped):
-                setattr(camera, kind, _stamped_by_log_time(getattr(camera, kind)))
+                images = getattr(camera, kind)
+                setattr(camera, kind, [replace(image, stamp=image.log_time) for image in images])
     for topic, images in color_and_depth(cameras).items():
         _check_topic(path, topic, images)
-    _check_clocks(path, color_and_depth(cameras))
+    _check_clocks(path, cameras)
     for camera in cameras.values():
         for kind in ("image", "depth", "label"):
             setattr(camera, kind, _in_order(getattr(camera, kind)))
@@ -57,11 +58,6 @@ def color_and_depth(cameras: Mapping[str, CameraContents]) -> dict[str, list[Sto
         for name, camera in cameras.items()
         for kind in ("image", "depth")
     }
-
-
-def _stamped_by_log_time(images: Sequence[StoredImage]) -> list[StoredImage]:
-    """Returns the images with the times at which they were logged as their stamps."""
-    return [replace(image, stamp=image.log_time) for image in images]
 
 
 def _in_order(images: Sequence[StoredImage]) -> list[StoredImage]:
@@ -89,31 +85,28 @@ def _check_topic(path: Path, topic: str, images: Sequence[StoredImage]) -> None:
     if not wrong.size:
         return
     before, after = int(stamps[wrong[0]]), int(stamps[wrong[0] + 1])
-    zeros = int(np.count_nonzero(stamps == 0))
-    if 0 in (before, after):
-        raise DemonstrationError(
-            f"{path}: {zeros} of {len(stamps)} messages of topic {topic} have the stamp 0, but the "
-            f"message {'after' if before == 0 else 'before'} it has {to_seconds(before or after)} "
-            "s.",
-            remedy="Fill in these stamps, or cut these messages off, e.g. with `mcap filter`. If "
-            "all stamps of a topic are 0, the times of logging are used.",
-        )
-    gap = abs(after - before) * 1e-9
+    gap, zeros = abs(after - before) * 1e-9, int(np.count_nonzero(stamps == 0))
     raise DemonstrationError(
         f"{path}: the stamps of topic {topic} jump {'back' if after < before else 'ahead'} by "
-        f"{gap:.3f} s after {to_seconds(before)} s.",
-        remedy="Record again without setting the clock or stopping the camera meanwhile, or cut "
-        "the recording there, e.g. with `mcap filter`. If all stamps of a topic are 0, the times "
-        "of logging are used.",
+        f"{gap:.3f} s after {to_seconds(before)} s{f'; {zeros} of them are 0' if zeros else ''}.",
+        remedy="Record again without setting the clock or stopping the camera meanwhile, fill in "
+        "stamps that are 0, or cut the recording there, e.g. with `mcap filter`. If all stamps of "
+        "a topic are 0, the times of logging are used.",
     )
 
 
-def _check_clocks(path: Path, streams: Mapping[str, Sequence[StoredImage]]) -> None:
+def _check_clocks(path: Path, cameras: Mapping[str, CameraContents]) -> None:
     """Compares the latencies of the streams at their starts and ends.
 
     The least latency within a second counts, because a busy recorder logs late, but never early.
     If all latencies change alike, the recorder used another clock, e.g. that of a simulation.
+    Depth may take longer to compute: it is not compared if it has the stamps of the colour images.
     """
+    streams = color_and_depth(cameras)
+    for name, camera in cameras.items():
+        ends_of_depth = {camera.depth[0].stamp, camera.depth[-1].stamp}
+        if ends_of_depth <= {image.stamp for image in camera.image}:
+            del streams[camera_topic(name, "depth")]
     starts: list[tuple[float, str, float]] = []
     ends: list[tuple[float, str, float]] = []
     for topic, images in streams.items():

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Drake turns glTF files, whose y axis points up, so that their z axis does."""
 
+_WHITE = np.full(4, 255, np.uint8)
+
 
 def SeparateParts(
     plant: MultibodyPlant,
@@ -80,9 +82,7 @@ def _split(
     shape = inspector.GetShape(geometry.id)
     if not (isinstance(shape, Mesh) and shape.source().is_path()):
         return False
-    import trimesh
-
-    mesh = trimesh.load(str(shape.source().path()), force="mesh", process=False)
+    mesh = _load(shape.source().path())
     if shape.source().extension() == ".gltf":
         mesh.vertices = mesh.vertices @ _Z_UP.T
     mesh.vertices *= shape.scale3()
@@ -100,6 +100,22 @@ def _split(
             instance.set_perception_properties(properties)
             scene_graph.RegisterGeometry(source, frame, instance)
     return True
+
+
+def _load(path: Path) -> "trimesh.Trimesh":
+    """Returns the meshes of a file as one, whose materials become one texture."""
+    import trimesh
+    from trimesh.visual import TextureVisuals
+    from trimesh.visual.material import SimpleMaterial
+
+    scene = trimesh.load(str(path), force="scene", process=False)
+    mesh = scene.to_mesh()
+    if len(scene.geometry) > 1 and isinstance(mesh.visual, TextureVisuals):
+        # The texture has the materials' colours already, which a grey default would darken.
+        image = getattr(mesh.visual.material, "image", None)
+        image = image or getattr(mesh.visual.material, "baseColorTexture", None)
+        mesh.visual.material = SimpleMaterial(image=image, diffuse=_WHITE)
+    return mesh
 
 
 def _as_shape(mesh: "trimesh.Trimesh") -> Mesh:
