@@ -16,7 +16,7 @@ PRINT_MOTION = """
     for name in ("panda.position_measured", "panda.velocity_measured"):
         print(*station.GetOutputPort(name).Eval(context))
 """
-FOLLOWING = 5.5  # [s]: at this time tracked points move the arm and the mug.
+FOLLOWING = 7.0  # [s]: at this time tracked points move the arm and the mug.
 AS_FAST_AS_POSSIBLE = """
 import runpy, sys
 from pydrake.systems.analysis import Simulator
