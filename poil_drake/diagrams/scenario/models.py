@@ -25,6 +25,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.meshes import CONVERT_MESH
 from poil_drake.diagrams.scenario.model_parts import IsPartOf, LinkName, ModelBodies
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
@@ -37,10 +38,8 @@ _REMEDIES = {
     "XML_ERROR": "Correct the XML of this file.",
     "not a recognized type": "Use a URDF, SDFormat or MJCF file; expand a .xacro with the program "
     "xacro.",
-    "unsupported extension": "Convert the mesh to .obj, e.g. with trimesh.load(OLD).export(NEW) in "
-    "Python, and name the new file in the model's file.",
-    "supports mesh files in .obj": "Convert the mesh to .obj, e.g. with "
-    "trimesh.load(OLD).export(NEW) in Python, and name the new file in the model's file.",
+    "unsupported extension": CONVERT_MESH,
+    "supports mesh files in .obj": CONVERT_MESH,
     "instance names must be unique": "Give each add_model a name that no other has.",
     "no model instance named": "Correct the name of the model, or move this directive below the "
     "one that adds the model.",
