@@ -8,6 +8,7 @@ into defaults.
 import copy
 import dataclasses
 import difflib
+import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ from poil_drake.errors import PoilError, ScenarioError
 
 _WANTED = {
     str: "text (in quotes if it looks like a number)",
-    float: "a number or a fraction such as 1/8",
+    float: "a finite number or a fraction such as 1/8",
     int: "a whole number",
     bool: "true or false",
     np.ndarray: "a list of finite numbers",
@@ -32,7 +33,13 @@ _WANTED = {
 
 
 def merge_yaml(
-    node: Any, schema: Any, default: Any, *, path: str = "", unknown: list[str] | None = None
+    node: Any,
+    schema: Any,
+    default: Any,
+    *,
+    path: str = "",
+    unknown: list[str] | None = None,
+    infinite: bool = False,
 ) -> Any:
     """Returns `default`, changed wherever the YAML node gives a value.
 
@@ -48,6 +55,7 @@ def merge_yaml(
         path: The node's place in the document, for errors, e.g. "poil.rates".
         unknown: A list that receives the paths of unknown keys, which are then skipped. If None,
             an unknown key raises an error.
+        infinite: Whether numbers may be infinite.
 
     Raises:
         ScenarioError: The node does not fit the schema. The text states the place, the value and
@@ -87,14 +95,16 @@ def merge_yaml(
             arguments = (arguments[0],) * len(node)
         if len(arguments) == len(node):
             return base(
-                merge_yaml(item, argument, None, path=f"{path}[{i}]", unknown=unknown)
+                merge_yaml(
+                    item, argument, None, path=f"{path}[{i}]", unknown=unknown, infinite=infinite
+                )
                 for i, (item, argument) in enumerate(zip(node, arguments, strict=True))
             )
         wanted = f"a list of {len(arguments)} values"
     elif base not in (list, tuple, dict, Mapping):
         try:
             value = _scalar_or_array(node, schema)
-            if schema is not float or not np.isnan(value):
+            if schema is not float or np.isfinite(value) or (infinite and not np.isnan(value)):
                 return value
         except (ValueError, TypeError, ArithmeticError):
             pass
@@ -141,7 +151,12 @@ def _merge_structure(
             unknown.append(place)
             continue
         values[key] = merge_yaml(
-            value, fields[key], getattr(default, key, None), path=place, unknown=unknown
+            value,
+            fields[key],
+            getattr(default, key, None),
+            path=place,
+            unknown=unknown,
+            infinite=_is_infinite_by_default(default, key),
         )
     if dataclasses.is_dataclass(default):
         try:
@@ -178,6 +193,14 @@ def _fields(schema: Any) -> dict[str, Any] | None:
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)
     return None if fields is None else {f.name: f.type for f in fields}
+
+
+def _is_infinite_by_default(structure: Any, key: str) -> bool:
+    """Returns whether a dataclass's own default is infinite, e.g. of a duration or a region."""
+    schema = structure if isinstance(structure, type) else type(structure)
+    usual = getattr(schema, key, None)
+    values = usual if isinstance(usual, tuple) else (usual,)
+    return any(value in (math.inf, -math.inf) for value in values)
 
 
 def _required(schema: Any) -> list[str]:

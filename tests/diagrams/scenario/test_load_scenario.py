@@ -19,6 +19,16 @@ def test_the_default_file_hangs_a_mug() -> None:
     assert len([d for d in dut.directives if d.add_model]) == 4
 
 
+def test_what_is_infinite_by_default_may_be_infinite() -> None:
+    region = "!PartRegion {lower: [0.1, -.inf, -.inf]}"
+    data = f"{{simulation_duration: .inf, poil: {{parts: {{handle: {region}}}}}}}"
+
+    dut = LoadScenario(data=data, defaults=LoadScenario(data="{simulation_duration: 3}"))
+
+    assert dut.simulation_duration == np.inf
+    assert dut.poil.parts["handle"].lower == (0.1, -np.inf, -np.inf)
+
+
 def test_an_empty_scenario_has_the_defaults() -> None:
     dut = LoadScenario(filename=TEST_FILE, scenario_name="Defaults")
 
@@ -122,8 +132,8 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' occurs twice at line 1"),
         ("{random_seed: -1}", "random_seed is -1.*not negative"),
         ("{simulation_duration: 0}", "simulation_duration is 0"),
-        ("{poil: {fixture: mug}}", "poil.object and poil.fixture are both 'mug'"),
-        ("{poil: {randomization: {x: [0, .inf]}}}", "randomization.x is"),
+        ("{poil: {randomization: {x: [1, 0]}}}", "randomization.x is"),
+        ("{poil: {randomization: {x: [0, .inf]}}}", r"randomization.x\[1\]' is inf"),
         ("{model_drivers: {panda: {stiffness: [1, 2]}}}", "panda.stiffness .*2 values.*Set 7"),
         ("{model_drivers: {panda: !IiwaDriver {}}}", r"panda' is '!IiwaDriver', .*PandaDriver"),
         ("{model_drivers: {hand: !SchunkWsgDriver {}}}", "hand' is '!SchunkWsgDriver', .*Panda"),
@@ -214,7 +224,17 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {demonstration_motion: {blend: -1}}}", "blend is -1"),
         ("{poil: {demonstration_motion: {hanging: {lift: -1}}}}", "hanging.lift is -1"),
         ("{poil: {demonstration_motion: {hanging: {seat: 2}}}}", "hanging.seat is 2"),
-        ("{poil: {table_height: .nan}}", "'poil.table_height' is nan, but a number"),
+        ("{poil: {table_height: .nan}}", "'poil.table_height' is nan, but a finite number"),
+        ("{poil: {table_height: .inf}}", "'poil.table_height' is inf, but a finite number"),
+        ("{simulation_duration: .nan}", "'simulation_duration' is nan"),
+        (
+            "{poil: {demonstration_motion: {hanging: {start: [0, -.inf]}}}}",
+            r"hanging.start\[1\]' is -inf",
+        ),
+        (
+            "{poil: {demonstration_parts: {handel: grip}}}",
+            "names the part 'handel', .* Choose one of: handle",
+        ),
         ("{initial_position: {panda: {panda_joint1: [.nan]}}}", r"panda_joint1' is \[nan\]"),
     ],
 )
@@ -342,7 +362,7 @@ def test_text_may_name_a_calibration_and_change_its_poses_later(calibrated: Path
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (None, r"poses\.yaml', which does not exist"),
+        (None, r"poses\.yaml', which is not a file of camera poses"),
         ("", r"poses\.yaml', which is not a file of camera poses"),
         ("Cell: {cameras: {left: {width: 1}}}", "which is not a file of camera poses"),
         ("{cameras: {top: {}}}", "has the camera 'top', but the scenario does not.*left, right"),
