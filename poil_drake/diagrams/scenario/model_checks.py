@@ -12,6 +12,7 @@ _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 _UNITS = {"revolute": " rad", "prismatic": " m"}
 _LARGEST_OBJECT = 1.0  # [m]; nothing that a Panda's hand can carry is larger.
 _SMALLEST_OBJECT = 0.005  # [m]; cameras and fingers lose smaller objects.
+_PAYLOAD = 3.0  # [kg], the Panda's.
 _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
 
 
@@ -74,15 +75,21 @@ def RequireObjectSize(plant: MultibodyPlant, inspector: SceneGraphInspector, nam
 
 
 def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
-    """Checks that the object `name` of a finalized plant has an inertia that fits its size.
+    """Checks that the object `name` of a finalized plant has a plausible mass and inertia.
 
     Raises:
-        ScenarioError: It has none, or one that no body within the object's bounding box can have.
+        ScenarioError: It is too heavy for the robot. Or it has no inertia, or one that no body
+            within the object's bounding box can have.
     """
     frame, bodies = BaseBody(plant, name).body_frame(), ModelBodies(plant, name)
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), frame, bodies)
     about_center = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
     moments, mass = np.linalg.eigvalsh(about_center), inertia.get_mass()
+    if mass > _PAYLOAD:
+        raise ScenarioError(
+            f"The object '{name}' has a mass of {mass:.3g} kg; a Panda carries {_PAYLOAD:g} kg.",
+            remedy="Correct the mass in the model's file; it is in kilograms.",
+        )
     diagonal = float(np.linalg.norm(_sides(plant, inspector, name))) or _LARGEST_OBJECT
     # Of a body within the diagonal; a point mass has rounding errors instead of moments.
     if _LEAST_INERTIA * mass * diagonal**2 < moments[0] and moments[-1] <= mass * diagonal**2:

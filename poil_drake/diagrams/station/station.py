@@ -6,6 +6,7 @@ from pathlib import Path
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Context
 
+from poil_drake.diagrams.scenario.penetrations import START_TOLERANCE, Penetration, Penetrations
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay
 from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation as HardwareStation
@@ -97,6 +98,46 @@ def RequireLabels(station: Station) -> None:
             remedy="Use a source with label images: a segmentation node that sends images and "
             f"labels over LCM (poil.hardware.cameras.{names[0]}: !LcmImages {{}}), or a recording "
             "that contains labels (!McapPlayback).",
+        )
+
+
+def RequireFreeStart(station: Station) -> None:
+    """Checks that a simulated object starts on something, and neither it nor the fixture inside.
+
+    Raises:
+        ScenarioError: if the object starts in the air, or one of them inside another geometry.
+    """
+    if not isinstance(station, SimulatedStation):
+        return
+    poil, plant, context = station.scenario.poil, station.plant(), station.CreateDefaultContext()
+    remedy = (
+        "Correct default_free_body_pose or add_weld in the directives. A model with neither is at "
+        "the world's origin, and what carries others needs collision geometry."
+    )
+
+    def penetrations(model: str) -> list[Penetration]:
+        query = station.GetOutputPort("query_object").Eval(context)
+        found = Penetrations(plant, query, model, fixture=poil.fixture)
+        # A mesh counts as its convex hull, which may have been allowed to be wrong.
+        return [one for one in found if not (one.is_mesh and poil.collision == "hull")]
+
+    for role, model in (("object", poil.object), ("fixture", poil.fixture)):
+        for found in penetrations(model):
+            if found.depth > START_TOLERANCE:
+                raise ScenarioError(
+                    f"The {role} '{model}' starts {1000 * found.depth:.0f} mm inside "
+                    f"'{found.geometry}'.",
+                    remedy=remedy,
+                )
+    plant_context, body = plant.GetMyMutableContextFromRoot(context), station.object_body()
+    X_WO = body.EvalPoseInWorld(plant_context)
+    X_WO.set_translation(X_WO.translation() - [0.0, 0.0, START_TOLERANCE])
+    plant.SetFreeBodyPose(plant_context, body, X_WO)
+    if not penetrations(poil.object):
+        raise ScenarioError(
+            f"The object '{poil.object}' starts in the air: nothing is within "
+            f"{1000 * START_TOLERANCE:.0f} mm below it.",
+            remedy=remedy,
         )
 
 

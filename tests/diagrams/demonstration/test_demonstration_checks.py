@@ -27,15 +27,19 @@ def keyframes(*heights: float) -> str:
 @pytest.mark.parametrize(
     ("changes", "problem", "remedy"),
     [
-        (keyframes(-0.02, 0.1), r"inside 'table::top' at its start", "keyframes"),
+        (keyframes(-0.02, 0.1), r"inside 'table::table::top' at its start", "keyframes"),
         (keyframes(-0.3, 0.1), r"starts in the air", "keyframes"),
-        (keyframes(0.0, 0.1, -0.05), r"inside 'table::top' \d\.\d+ s after its start", "keyframes"),
+        (
+            keyframes(0.0, 0.1, -0.05),
+            r"'table::table::top' \d\.\d+ s after its start",
+            "keyframes",
+        ),
         (keyframes(0.02, 0.1), r"starts in the air, .*\(0.450, -0.100, 0.020\) m", "keyframes"),
         ("  table_height: -0.2\n", "starts in the air", "poil.table_height"),
         ("  table_height: 0.2\n", "starts in the air", "poil.table_height"),
         (
             "  demonstration_motion: { hanging: { start: [0.55, 0.30] } }\n",
-            "inside 'rack::(base|post)' at its start",
+            "inside 'rack::stand::(base|post)' at its start",
             "hanging.start",
         ),
         (
