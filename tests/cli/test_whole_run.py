@@ -82,7 +82,7 @@ def test_a_users_own_mjcf_models_run_through_the_whole_chain(
 def test_a_mug_of_another_size_without_contact_properties_hangs(
     command: Command, tmp_path: Path, demonstration: Path
 ) -> None:
-    mug = write_bare_mug(tmp_path, file_format="urdf", shapes="meshes", height=0.13)
+    mug = write_bare_mug(tmp_path, shapes="meshes", height=0.13)
     scenario = write_bare_scenario(mug, demonstration)
 
     dut = command("run", str(scenario), "--tracker", "ground_truth", "--no-meshcat")

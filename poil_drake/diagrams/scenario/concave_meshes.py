@@ -1,4 +1,4 @@
-"""Concave collision meshes: Drake fills them, so they are refused or decomposed."""
+"""Concave collision meshes: Drake fills them in most places, so they are refused or decomposed."""
 
 import hashlib
 from pathlib import Path
@@ -52,8 +52,8 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
             body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
             raise ScenarioError(
                 f"The collision mesh '{path}' of '{body.scoped_name()}' is concave: its convex "
-                f"hull, which Drake uses in contacts, is up to {1000 * gap:.0f} mm away from it. "
-                "This fills openings, as of a handle or a cup.",
+                "hull, which Drake uses for distances and all but rigid hydroelastic contact, is "
+                f"up to {1000 * gap:.0f} mm away from it. This fills openings, as of a handle.",
                 remedy="Set poil.collision to 'decompose' to replace such meshes by convex pieces, "
                 "or to 'hull' if the filled shapes will do.",
             )

@@ -3,29 +3,32 @@
 import numpy as np
 import pytest
 from moved_scene import moved
-from own_models import PACKAGE_MUG, own_scenario
+from own_models import own_scenario
 
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import MakeStation, RequireFreeStart
 from poil_drake.errors import ScenarioError
 
-POSE = "{body: {translation: [0.47, -0.12, 0.0]}}"
-LOW, HIGH = (POSE.replace("0.0]", f"{z}]") for z in (-0.03, 0.03))
+FREE_BOARD = (
+    "{add_model: {name: board, file: 'package://poil_drake/fixtures/table.sdf', "
+    "default_free_body_pose: {table: {translation: [3, 3, 0]}}}}"
+)
 
 
 @pytest.mark.parametrize(
-    ("pose", "weld_rack", "says"),
+    ("height", "options", "says"),
     [
-        (LOW, "rack::stand", r"'mug' starts \d\d mm inside 'table::"),
-        (HIGH, "rack::stand", r"'mug' .*air.*5 mm below"),
+        (-0.03, {}, r"model 'mug' starts \d\d mm inside 'table::"),
+        (0.03, {}, "model 'mug' starts in the air: .* 5 mm below"),
         # In the robot's base, where models without a pose or a weld are.
-        ("{}", "rack::stand", r"object 'mug' starts .* inside 'panda::panda_link0::"),
-        (POSE, "", r"fixture 'rack' starts .* inside 'panda::panda_link0::"),
+        (0.0, {"pose_of": ""}, "model 'mug' starts .* inside 'panda::panda_link0::"),
+        (0.0, {"weld_rack": ""}, "model 'rack' starts .* inside 'panda::panda_link0::"),
+        (0.0, {"more": FREE_BOARD}, "model 'board' starts in the air"),
     ],
 )
-def test_a_start_that_is_not_free_is_refused(pose: str, weld_rack: str, says: str) -> None:
-    text = own_scenario(more=PACKAGE_MUG.replace(POSE, pose), weld_rack=weld_rack)
+def test_a_start_that_is_not_free_is_refused(height: float, options: dict, says: str) -> None:
+    text = own_scenario(**options).replace("-0.12, 0.0]", f"-0.12, {height}]")
     station = MakeStation(ChooseScenario(data=text), cameras=False)
 
     with pytest.raises(ScenarioError, match=f"{says}.*default_free_body_pose or add_weld"):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from own_models import PACKAGE_MUG, own_scenario, sdf_file, sdf_mug, sdf_shape
+from own_models import own_scenario, sdf_file, sdf_mug, sdf_shape
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -196,7 +196,7 @@ def test_a_rod_without_collision_geometry_is_told_what_collides(tmp_path: Path) 
     shapes += sdf_shape("post", (0, 0, 0.1), rod)
     model = f'<model name="rack"><link name="stand">{shapes}</link></model>'
     (tmp_path / "rack.sdf").write_text(sdf_file(model))
-    text = own_scenario(rack=str(tmp_path / "rack.sdf"), more=PACKAGE_MUG)
+    text = own_scenario(rack=tmp_path / "rack.sdf")
 
     with pytest.raises(ScenarioError, match=r"rod is 'rod'.*\(stand\).*\(post\).*only visual"):
         MakeStation(ChooseScenario(data=text), cameras=False)
