@@ -15,7 +15,7 @@ from pydrake.systems.lcm import ApplyLcmBusConfig
 
 from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
-from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
+from poil_drake.diagrams.scenario.model_checks import CheckModels
 from poil_drake.diagrams.scenario.model_parts import (
     BaseBody,
     CollisionGeometries,
@@ -107,10 +107,7 @@ class DemonstrationScene:
             for name, ids in label_ids.items()
         }
         FinishModels(self._plant, directives)
-        RequireFreeObject(self._plant, self.object_name)
-        inspector = self._scene_graph.model_inspector()
-        RequireObjectSize(self._plant, inspector, self.object_name)
-        RequireStartWithinLimits(self._plant)
+        CheckModels(self._plant, self._scene_graph.model_inspector(), self.object_name)
         self._cameras: tuple[CameraModel, ...] = ()
         if cameras:
             # The cameras' configuration names buses, but a recording is not published.

@@ -5,7 +5,12 @@ from pydrake.geometry import Role, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.meshes import BoxCorners
-from poil_drake.diagrams.scenario.model_parts import BaseBody, CarriedBodies, ModelBodies
+from poil_drake.diagrams.scenario.model_parts import (
+    BaseBody,
+    CarriedBodies,
+    ModelBodies,
+    RequireFreeObject,
+)
 from poil_drake.errors import ScenarioError
 
 _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
@@ -16,12 +21,25 @@ _PAYLOAD = 3.0  # [kg], the Panda's.
 _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
 
 
-def RequireStartWithinLimits(plant: MultibodyPlant) -> None:
-    """Checks that every joint of a finalized plant starts within its limits.
+def CheckModels(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
+    """Checks what is needed without simulation, too.
+
+    Args:
+        plant: The finalized plant.
+        inspector: The inspector of its scene graph.
+        name: The object.
 
     Raises:
-        ScenarioError: A joint does not, whatever set its position.
+        ScenarioError: The object does not move freely as one piece, or is too large or too small;
+            or a joint starts beyond its limits.
     """
+    RequireFreeObject(plant, name)
+    _require_object_size(plant, inspector, name)
+    _require_start_within_limits(plant)
+
+
+def _require_start_within_limits(plant: MultibodyPlant) -> None:
+    """Checks that every joint starts within its limits, whatever set its position."""
     for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
         q = joint.default_positions()
         lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
@@ -57,12 +75,8 @@ def RequireMass(plant: MultibodyPlant) -> None:
         )
 
 
-def RequireObjectSize(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
-    """Checks that the object `name` of a finalized plant has a size that a hand can hold.
-
-    Raises:
-        ScenarioError: It does not, so a unit is wrong.
-    """
+def _require_object_size(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
+    """Checks that an object has a size that a hand can hold; if not, a unit is wrong."""
     size = float(np.max(_sides(plant, inspector, name)))
     if size == 0.0 or _SMALLEST_OBJECT <= size <= _LARGEST_OBJECT:
         return

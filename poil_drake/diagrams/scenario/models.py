@@ -230,12 +230,12 @@ def _free_body(plant: MultibodyPlant, model: str, link: str) -> RigidBody:
     if base is body and not plant.IsAnchored(body):
         return body
     if plant.IsAnchored(base):
-        raise ScenarioError(
-            f"{given}, which is welded or joined to the world.",
-            remedy="Remove this pose: the X_PC of an add_weld places what is welded. To free it, "
-            "remove the weld or joint from the directives or the model's file (also <static>).",
+        problem = "is welded or joined to the world"
+        remedy = (
+            "Remove this pose: the X_PC of an add_weld places what is welded. To free it, remove "
+            "the weld or joint from the directives or the model's file (also <static>)."
         )
-    raise ScenarioError(
-        f"{given}, which follows its base link '{base.scoped_name().get_full()}'.",
-        remedy=f"Give the pose of the base link '{LinkName(base, model)}' instead.",
-    )
+    else:
+        problem = f"follows its base link '{base.scoped_name().get_full()}'"
+        remedy = f"Give the pose of the base link '{LinkName(base, model)}' instead."
+    raise ScenarioError(f"{given}, which {problem}.", remedy=remedy)

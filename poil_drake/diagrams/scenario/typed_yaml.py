@@ -33,13 +33,7 @@ _WANTED = {
 
 
 def merge_yaml(
-    node: Any,
-    schema: Any,
-    default: Any,
-    *,
-    path: str = "",
-    unknown: list[str] | None = None,
-    infinite: bool = False,
+    node: Any, schema: Any, default: Any, *, path: str = "", unknown: list[str] | None = None
 ) -> Any:
     """Returns `default`, changed wherever the YAML node gives a value.
 
@@ -55,7 +49,6 @@ def merge_yaml(
         path: The node's place in the document, for errors, e.g. "poil.rates".
         unknown: A list that receives the paths of unknown keys, which are then skipped. If None,
             an unknown key raises an error.
-        infinite: Whether numbers may be infinite.
 
     Raises:
         ScenarioError: The node does not fit the schema. The text states the place, the value and
@@ -95,16 +88,14 @@ def merge_yaml(
             arguments = (arguments[0],) * len(node)
         if len(arguments) == len(node):
             return base(
-                merge_yaml(
-                    item, argument, None, path=f"{path}[{i}]", unknown=unknown, infinite=infinite
-                )
+                merge_yaml(item, argument, None, path=f"{path}[{i}]", unknown=unknown)
                 for i, (item, argument) in enumerate(zip(node, arguments, strict=True))
             )
         wanted = f"a list of {len(arguments)} values"
     elif base not in (list, tuple, dict, Mapping):
         try:
             value = _scalar_or_array(node, schema)
-            if schema is not float or np.isfinite(value) or (infinite and not np.isnan(value)):
+            if schema is not float or not np.isnan(value):
                 return value
         except (ValueError, TypeError, ArithmeticError):
             pass
@@ -151,13 +142,12 @@ def _merge_structure(
             unknown.append(place)
             continue
         values[key] = merge_yaml(
-            value,
-            fields[key],
-            getattr(default, key, None),
-            path=place,
-            unknown=unknown,
-            infinite=_is_infinite_by_default(default, key),
+            value, fields[key], getattr(default, key, None), path=place, unknown=unknown
         )
+        # Only what is infinite by default may be: durations, sides of regions.
+        usual = getattr(default if isinstance(default, type) else type(default), key, None)
+        if _is_infinite(values[key]) and not _is_infinite(usual):
+            raise _wrong(place, value, _WANTED[float])
     if dataclasses.is_dataclass(default):
         try:
             if isinstance(default, type):
@@ -187,20 +177,18 @@ def _merge_structure(
     return merged
 
 
+def _is_infinite(value: Any) -> bool:
+    """Returns whether a number, or one in a tuple, is infinite."""
+    values = value if isinstance(value, tuple) else (value,)
+    return any(one in (math.inf, -math.inf) for one in values if isinstance(one, float))
+
+
 def _fields(schema: Any) -> dict[str, Any] | None:
     """Returns key -> type of a dataclass or one of Drake's types; None for any other schema."""
     if dataclasses.is_dataclass(schema):
         return {f.name: f.type for f in dataclasses.fields(schema) if f.metadata.get("yaml", True)}
     fields = getattr(schema, "__fields__", None)
     return None if fields is None else {f.name: f.type for f in fields}
-
-
-def _is_infinite_by_default(structure: Any, key: str) -> bool:
-    """Returns whether a dataclass's own default is infinite, e.g. of a duration or a region."""
-    schema = structure if isinstance(structure, type) else type(structure)
-    usual = getattr(schema, key, None)
-    values = usual if isinstance(usual, tuple) else (usual,)
-    return any(value in (math.inf, -math.inf) for value in values)
 
 
 def _required(schema: Any) -> list[str]:
