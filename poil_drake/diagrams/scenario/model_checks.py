@@ -77,7 +77,7 @@ def RequireMass(plant: MultibodyPlant) -> None:
 
 def _require_object_size(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
     """Checks that an object has a size that a hand can hold; if not, a unit is wrong."""
-    size = float(np.max(_sides(plant, inspector, name)))
+    size = float(np.max(np.ptp(_box(plant, inspector, name), axis=0)))
     if size == 0.0 or _SMALLEST_OBJECT <= size <= _LARGEST_OBJECT:
         return
     text = f"{1000.0 * size:.3g} mm" if size < _SMALLEST_OBJECT else f"{size:.3g} m"
@@ -93,7 +93,7 @@ def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, 
 
     Raises:
         ScenarioError: It is too heavy for the robot. Or it has no inertia, or one that no body
-            within the object's bounding box can have.
+            within the object's bounding box can have; or its centre of mass is outside.
     """
     frame, bodies = BaseBody(plant, name).body_frame(), ModelBodies(plant, name)
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), frame, bodies)
@@ -104,21 +104,26 @@ def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, 
             f"The object '{name}' has a mass of {mass:.3g} kg; a Panda carries {_PAYLOAD:g} kg.",
             remedy="Correct the mass in the model's file; it is in kilograms.",
         )
-    diagonal = float(np.linalg.norm(_sides(plant, inspector, name))) or _LARGEST_OBJECT
-    # Of a body within the diagonal; a point mass has rounding errors instead of moments.
-    if _LEAST_INERTIA * mass * diagonal**2 < moments[0] and moments[-1] <= mass * diagonal**2:
+    lower, upper = _box(plant, inspector, name)
+    if np.array_equal(lower, upper):
+        return
+    diagonal, center = float(np.linalg.norm(upper - lower)), inertia.get_com()
+    is_inside = np.all((lower - 0.1 * diagonal < center) & (center < upper + 0.1 * diagonal))
+    # Of a body within the box; a point mass has rounding errors instead of moments.
+    least, most = _LEAST_INERTIA * mass * diagonal**2, mass * diagonal**2
+    if is_inside and least < moments[0] and moments[-1] <= most:
         return
     raise ScenarioError(
-        f"The object '{name}' has a mass of {mass:.3g} kg and moments of inertia of "
-        f"{max(moments[0], 0.0):.1g} to {moments[-1]:.3g} kg m^2, which do not fit a size of "
-        f"{diagonal:.3g} m.",
-        remedy="Correct the mass and inertia in the model's file. A link without <inertial> has "
-        "1 kg and 1 kg m^2 in SDFormat.",
+        f"The object '{name}' has a mass of {mass:.3g} kg at {_text(center.round(4))} m and "
+        f"moments of inertia of {max(moments[0], 0.0):.1g} to {moments[-1]:.3g} kg m^2, which do "
+        f"not fit its shapes, from {_text(lower.round(4))} to {_text(upper.round(4))} m.",
+        remedy="Correct the mass and inertia in the model's file; lengths are in metres. A link "
+        "without <inertial> has 1 kg and 1 kg m^2 in SDFormat.",
     )
 
 
-def _sides(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> np.ndarray:
-    """Returns the sides (3,) of a model's box along its base's axes [m]; 0 without geometry."""
+def _box(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> np.ndarray:
+    """Returns the corners (2, 3) of a model's box along its base's axes [m]; 0 without geometry."""
     context = plant.CreateDefaultContext()
     X_BW = BaseBody(plant, name).EvalPoseInWorld(context).inverse()
     corners = []
@@ -128,7 +133,10 @@ def _sides(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> 
             for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body), role):
                 X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
                 corners.append(X_BG.multiply(BoxCorners(inspector.GetShape(geometry))))
-    return np.ptp(np.concatenate(corners, axis=1), axis=1) if corners else np.zeros(3)
+    if not corners:
+        return np.zeros((2, 3))
+    joined = np.concatenate(corners, axis=1)
+    return np.stack([joined.min(axis=1), joined.max(axis=1)])
 
 
 def _text(q: np.ndarray) -> str:

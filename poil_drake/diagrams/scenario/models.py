@@ -43,6 +43,7 @@ _REMEDIES = {
     "instance names must be unique": "Give each add_model a name that no other has.",
     "no model instance named": "Correct the name of the model, or move this directive below the "
     "one that adds the model.",
+    "no Joint named": "Correct the name of the joint.",
     "world_welds_to": "Weld each link only once. A model whose file welds it to the world (MJCF: a "
     "body without a joint; SDFormat: <static>) needs no add_weld: write its pose into the file.",
     "'found' failed": "The child of a weld is a link: exchange its parent and child.",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from own_models import add_mug, mjcf_file, mjcf_rack, own_scenario, sdf_file
+from own_models import PACKAGE_MUG, add_mug, mjcf_file, mjcf_rack, own_scenario, sdf_file
 
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.station.station import MakeStation
@@ -28,6 +28,11 @@ from poil_drake.errors import ScenarioError
         (
             "{add_frame: {name: a, X_PF: {base_frame: world, rotation: !Uniform {}}}}",
             "X_PF of the frame 'a' cannot be used.*no random",
+        ),
+        (
+            f"{{add_model: {{name: a, file: '{PACKAGE_MUG}', "
+            "default_joint_positions: {b: [1]}}}",
+            "no Joint named 'b' .*Correct the name of the joint",
         ),
         (add_mug(), "'mug'.*Give each add_model a name"),
         ("{add_model: {name: a, file: a.urdf.xacro}}", "expand a .xacro"),

@@ -189,10 +189,11 @@ GIVEN = "'mug' has a default_free_body_pose for '"
             sdf_file(sdf_mug(inertial=False)),
             "a.sdf",
             "body",
-            "of 2 kg and moments .* of 2 to",
+            "of 2 kg at .* of inertia of 2 to",
         ),
-        (WITHOUT_INERTIA, "a.urdf", "body", "mass of 0.3 kg and moments of inertia of 0 to"),
+        (WITHOUT_INERTIA, "a.urdf", "body", "0.3 kg at .* and moments of inertia of 0 to"),
         (IN_GRAMS, "a.urdf", "body", "a mass of 300 kg; a Panda carries 3 kg. .*in kilograms"),
+        (urdf_mug().replace("0.045", "45", 1), "a.urdf", "body", r"at \[0.0, 0.0, 22.*metres"),
         # A free body in one piece.
         (sdf_file(LOOSE), "a.sdf", "body", "falls apart.*body, h"),
         (mjcf_file(mjcf_mug(joint="")), "a.xml", "", "'world', by the joint.*<freejoint/>"),
