@@ -135,7 +135,10 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {randomization: {x: [1, 0]}}}", "randomization.x is"),
         ("{poil: {randomization: {x: [0, .inf]}}}", r"randomization.x' is \[0, inf\]"),
         ("{model_drivers: {panda: {stiffness: [1, 2]}}}", "panda.stiffness .*2 values.*Set 7"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", r"panda' is '!IiwaDriver', .*PandaDriver"),
+        (
+            "{model_drivers: {panda: !IiwaDriver {}}}",
+            "'!IiwaDriver', but a mapping .PandaDriver.",
+        ),
         ("{model_drivers: {hand: !SchunkWsgDriver {}}}", "hand' is '!SchunkWsgDriver', .*Panda"),
         ("{model_drivers: {mug: !ZeroForceDriver {}}}", "mug' is '!ZeroForceDriver', .*Panda"),
         ("{camera_ids: {left: LEFT}}", "'camera_ids' is not known"),
@@ -144,7 +147,6 @@ def test_defaults_are_merged_but_not_changed() -> None:
             "resolution_hint is 1e-06 m, which is out of range. .* at least 0.001 m",
         ),
         ("{model_drivers: {panda: {leash: -1}}}", "^model_drivers.panda.leash is -1"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", "IiwaDriver', but a mapping .PandaDriver."),
         ("{cameras: {left: }}", "'cameras.left' is None"),
         ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
