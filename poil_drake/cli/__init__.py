@@ -42,6 +42,7 @@ app = typer.Typer(
     cls=_OrderOfWork,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
     epilog="Tab completion: run `poil --install-completion` and open a new terminal.",
 )
 demo_app = typer.Typer(no_args_is_help=True, help="Record, import and show demonstrations.")
