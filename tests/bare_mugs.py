@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from own_models import own_scenario
 
-from poil_drake.diagrams.scenario.load import default_scenario_file
+from poil_drake.diagrams.scenario.load import ChooseScenario, DumpScenario
 
 WALL = 0.004
 """Thickness of the mugs' walls [m]."""
@@ -40,22 +41,17 @@ def write_bare_mug(folder: Path, *, shapes: str, height: float) -> Path:
     return path
 
 
-def write_bare_scenario(model: Path, demonstration: Path) -> Path:
-    """Writes the package's scenario with a mug of `write_bare_mug` beside it; returns the file."""
-    scenario = default_scenario_file().read_text()
-    for old, new in (
-        ("file: package://poil_drake/mugs/mug_a/mug_a.sdf", f"file: {model.name}"),
-        ("        body:\n", "        cup:\n"),
-        (
-            "    part: handle\n",
-            f"    part: handle\n    parts: {{ handle: 'handle_.*' }}\n    collision: decompose\n"
-            f"    demonstration: {demonstration}\n",
-        ),
-    ):
-        assert old in scenario
-        scenario = scenario.replace(old, new, 1)
-    path = model.with_suffix(".yaml")
-    path.write_text(scenario)
+def write_bare_scenario(mug: Path, *, poil: str) -> Path:
+    """Writes the package's scene with a mug of `write_bare_mug` beside it; returns the file.
+
+    Args:
+        mug: The mug.
+        poil: Further keys of the section `poil`.
+    """
+    poil = f"parts: {{handle: 'handle_.*'}}, {poil}"
+    data = own_scenario(mug=mug, pose_of="cup", poil=poil)
+    path = mug.with_suffix(".yaml")
+    path.write_text(DumpScenario(ChooseScenario(data=data)))
     return path
 
 

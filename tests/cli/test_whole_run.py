@@ -83,7 +83,8 @@ def test_a_mug_of_another_size_without_contact_properties_hangs(
     command: Command, tmp_path: Path, demonstration: Path
 ) -> None:
     mug = write_bare_mug(tmp_path, shapes="meshes", height=0.13)
-    scenario = write_bare_scenario(mug, demonstration)
+    poil = f"collision: decompose, demonstration: '{demonstration}'"
+    scenario = write_bare_scenario(mug, poil=poil)
 
     dut = command("run", str(scenario), "--tracker", "ground_truth", "--no-meshcat")
 

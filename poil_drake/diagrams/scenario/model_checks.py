@@ -22,12 +22,7 @@ _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
 
 
 def CheckModels(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
-    """Checks what is needed without simulation, too.
-
-    Args:
-        plant: The finalized plant.
-        inspector: The inspector of its scene graph.
-        name: The object.
+    """Checks the object `name` and the joints of a finalized plant.
 
     Raises:
         ScenarioError: The object does not move freely as one piece, or is too large or too small;

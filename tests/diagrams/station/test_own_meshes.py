@@ -200,23 +200,3 @@ def test_a_rod_without_collision_geometry_is_told_what_collides(tmp_path: Path) 
 
     with pytest.raises(ScenarioError, match=r"rod is 'rod'.*\(stand\).*\(post\).*only visual"):
         MakeStation(ChooseScenario(data=text), cameras=False)
-
-
-@pytest.mark.render
-@pytest.mark.parametrize("suffix", ["obj", "stl"])
-def test_a_region_may_divide_a_mesh_without_normals(suffix: str, tmp_path: Path) -> None:
-    whole = trimesh.util.concatenate(
-        [
-            trimesh.creation.cylinder(0.035, 0.09, transform=np.eye(4)),
-            trimesh.creation.box((0.05, 0.014, 0.07)).apply_translation((0.06, 0.0, 0.0)),
-        ]
-    )
-    whole.export(tmp_path / f"grip.{suffix}")
-    region = "{handle: !PartRegion {lower: [0.04, -.inf, -.inf]}}"
-    text = own_scenario(mug=write_mug(tmp_path, f"grip.{suffix}"), poil=f"parts: {region}")
-    station = MakeStation(ChooseScenario(data=text), ignore_output_delay=True)
-
-    frame = CaptureFrame(station, station.CreateDefaultContext(), labels=True)
-
-    [handle] = frame.label_ids["mug/handle"]
-    assert max(np.count_nonzero(image.label == handle) for image in frame.images) > 100

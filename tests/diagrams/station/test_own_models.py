@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from own_models import (
     HANDLE,
+    add_mug,
     mjcf_file,
     mjcf_mug,
     own_scenario,
@@ -182,16 +183,10 @@ def test_a_model_that_cannot_be_the_object_is_refused(
         MakeStation(scenario_of(text, tmp_path, name, pose_of=pose_of), cameras=False)
 
 
-def test_a_pose_may_be_given_in_the_frame_of_another_model(tmp_path: Path) -> None:
-    scenario = ChooseScenario()
-    mug = next(
-        d.add_model for d in scenario.directives if d.add_model and d.add_model.name == "mug"
-    )
-    pose = mug.default_free_body_pose["body"]
-    pose.base_frame = "rack::stand"
-    mug.default_free_body_pose = {"body": pose}
+def test_a_pose_may_be_given_in_the_frame_of_another_model() -> None:
+    mug = add_mug(pose="base_frame: rack::stand, translation: [0.47, -0.12, 0.0]")
 
-    station = MakeStation(scenario, cameras=False)
+    station = MakeStation(ChooseScenario(data=own_scenario(mug="", more=mug)), cameras=False)
 
     X_WO = station.object_body().EvalPoseInWorld(station.plant().CreateDefaultContext())
     # The rack stands at (0.55, 0.30), the mug at (0.47, -0.12) from it.
