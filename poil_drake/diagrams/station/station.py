@@ -112,10 +112,8 @@ def RequireFreeStart(station: Station) -> None:
     if not isinstance(station, SimulatedStation):
         return
     poil, plant, context = station.scenario.poil, station.plant(), station.CreateDefaultContext()
-    query, plant_context = (
-        station.GetOutputPort("query_object"),
-        plant.GetMyMutableContextFromRoot(context),
-    )
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    query = station.GetOutputPort("query_object")
     models = tuple(BodiesByModel(plant, (poil.object, poil.fixture)))
     for model in models:
         body = BaseBody(plant, model)

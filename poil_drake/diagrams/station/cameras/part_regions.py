@@ -55,7 +55,8 @@ def SeparateParts(
             raise ScenarioError(
                 f"The region of the part '{part}' contains no triangle of the visual meshes of "
                 f"'{model}'.",
-                remedy=f"Correct the region; it is in the frame of each link ({links}).",
+                remedy=f"Correct the region; it is in the frame of each link ({links}), in metres. "
+                "Parts of other shapes than meshes are named by a link or expression.",
             )
         patterns[part] = f".*/{re.escape(part)}"
     return patterns
