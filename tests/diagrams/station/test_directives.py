@@ -7,6 +7,7 @@ import pytest
 from own_models import PACKAGE_MUG, add_mug, mjcf_file, mjcf_rack, own_scenario, sdf_file
 
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
+from poil_drake.diagrams.scenario.model_parts import ModelBodies
 from poil_drake.diagrams.station.station import MakeStation
 from poil_drake.errors import ScenarioError
 
@@ -99,11 +100,8 @@ def test_a_filter_may_name_bodies_of_several_models() -> None:
 
     plant, inspector = station.plant(), station.scene_graph().model_inspector()
     mug, table = (
-        plant.GetCollisionGeometriesForBody(plant.GetBodyByName(name, model))[0]
-        for name, model in (
-            ("body", plant.GetModelInstanceByName("mug")),
-            ("table", plant.GetModelInstanceByName("table")),
-        )
+        plant.GetCollisionGeometriesForBody(plant.get_body(ModelBodies(plant, name)[0]))[0]
+        for name in ("mug::body", "table::table")
     )
     assert inspector.CollisionFiltered(mug, table)
 
