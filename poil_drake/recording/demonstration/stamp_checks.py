@@ -22,6 +22,7 @@ _LARGEST_SWAP = 0.1  # [s] by which a message may be late in the file
 # [s] between the latencies of two streams, from capture to logging. Two cameras have about the
 # same latency, but different clocks are off by anything.
 _LARGEST_OFFSET = 0.3
+_LEAST_PERIOD = 1e-3  # [s] between two images of a topic; no camera is faster.
 
 
 def settle_stamps(path: Path, frames: FrameTree, cameras: Mapping[str, CameraContents]) -> None:
@@ -83,6 +84,14 @@ def _check_topic(path: Path, topic: str, images: Sequence[StoredImage]) -> None:
             remedy="Fill in the time of capture of each image, with nanoseconds, or leave all "
             "stamps 0: then the times of logging are used.",
         )
+    period = float(np.median(np.diff(np.unique(stamps)))) * 1e-9
+    if period < _LEAST_PERIOD:
+        raise DemonstrationError(
+            f"{path}: the stamps of topic {topic} are {period:.3g} s apart, the first is "
+            f"{to_seconds(int(stamps[0]))} s. Probably their unit is wrong.",
+            remedy="Write stamps in seconds and nanoseconds, or leave all stamps 0: then the times "
+            "of logging are used.",
+        )
     steps = np.diff(stamps) * 1e-9
     swap = float(np.clip(2.0 * np.median(np.abs(steps)), _LARGEST_SWAP, _LARGEST_GAP))
     (wrong,) = np.nonzero((steps < -swap) | (steps > _LARGEST_GAP))
@@ -98,10 +107,13 @@ def _check_topic(path: Path, topic: str, images: Sequence[StoredImage]) -> None:
             remedy="Fill in these stamps, or cut these messages off, e.g. with `mcap filter`. If "
             "all stamps of a topic are 0, the times of logging are used.",
         )
-    gap = abs(after - before) * 1e-9
-    raise DemonstrationError(
-        f"{path}: the stamps of topic {topic} jump {'back' if after < before else 'ahead'} by "
-        f"{gap:.3f} s after {to_seconds(before)} s.",
+    direction = "back" if after < before else "ahead"
+    raise _jump(path, topic, direction, abs(after - before) * 1e-9, to_seconds(before))
+
+
+def _jump(path: Path, topic: str, direction: str, gap: float, time: float) -> DemonstrationError:
+    return DemonstrationError(
+        f"{path}: the stamps of topic {topic} jump {direction} by {gap:.3f} s after {time} s.",
         remedy="Record again without setting the clock or stopping the camera meanwhile, or cut "
         "the recording there, e.g. with `mcap filter`. If all stamps of a topic are 0, the times "
         "of logging are used.",
@@ -112,10 +124,12 @@ def _check_clocks(path: Path, streams: Mapping[str, Sequence[StoredImage]]) -> N
     """Compares the latencies of the streams at their starts and ends.
 
     The least latency within a second counts, because a busy recorder logs late, but never early.
-    If all latencies change alike, the recorder used another clock, e.g. that of a simulation.
+    If all latencies change alike, the recorder used another clock, e.g. that of a simulation;
+    but if they drop at once, the clock of the stamps jumped ahead.
     """
     starts: list[tuple[float, str, float]] = []
     ends: list[tuple[float, str, float]] = []
+    drops: list[tuple[float, str, float]] = []
     for topic, images in streams.items():
         stamps, logged = (
             np.array([getattr(image, name) for image in images], dtype=np.int64)
@@ -124,8 +138,13 @@ def _check_clocks(path: Path, streams: Mapping[str, Sequence[StoredImage]]) -> N
         latency, since = (logged - stamps) * 1e-9, (stamps - stamps.min()) * 1e-9
         for found, part in ((starts, since <= 1.0), (ends, since >= since.max() - 1.0)):
             found.append((float(latency[part].min()), topic, to_seconds(int(stamps[part].min()))))
+        at = int(np.argmin(np.diff(latency)))
+        drops.append((float(np.diff(latency)[at]), topic, to_seconds(int(stamps[at]))))
     drift = float(np.median([end[0] - start[0] for start, end in zip(starts, ends, strict=True)]))
     if abs(drift) > _LARGEST_OFFSET:
+        drop, topic, time = min(drops)
+        if 0.8 * drift > drop > 1.2 * drift:
+            raise _jump(path, topic, "ahead", -drop, time)
         return  # It was not logged in real time, e.g. when it was converted.
     least, *_, most = sorted([*starts, *((end[0] - drift, *end[1:]) for end in ends)])
     if most[0] - least[0] > _LARGEST_OFFSET:
