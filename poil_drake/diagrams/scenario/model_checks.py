@@ -12,6 +12,7 @@ _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 _UNITS = {"revolute": " rad", "prismatic": " m"}
 _LARGEST_OBJECT = 1.0  # [m]; nothing that a Panda's hand can carry is larger.
 _SMALLEST_OBJECT = 0.005  # [m]; cameras and fingers lose smaller objects.
+_LARGEST_MASS = 3.0  # [kg]; a Panda carries no more.
 _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
 
 
@@ -74,10 +75,11 @@ def RequireObjectSize(plant: MultibodyPlant, inspector: SceneGraphInspector, nam
 
 
 def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
-    """Checks that the object `name` of a finalized plant has an inertia that fits its size.
+    """Checks that the object `name` of a finalized plant has a mass and an inertia that fit it.
 
     Raises:
-        ScenarioError: It has none, or one that no body within the object's bounding box can have.
+        ScenarioError: It has no inertia, or one that no body within the object's bounding box can
+            have; or it is too heavy.
     """
     frame, bodies = BaseBody(plant, name).body_frame(), ModelBodies(plant, name)
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), frame, bodies)
@@ -86,7 +88,13 @@ def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, 
     diagonal = float(np.linalg.norm(_sides(plant, inspector, name))) or _LARGEST_OBJECT
     # Of a body within the diagonal; a point mass has rounding errors instead of moments.
     if _LEAST_INERTIA * mass * diagonal**2 < moments[0] and moments[-1] <= mass * diagonal**2:
-        return
+        if mass <= _LARGEST_MASS:
+            return
+        raise ScenarioError(
+            f"The object '{name}' has a mass of {mass:.3g} kg, but the robot carries at most "
+            f"{_LARGEST_MASS:g} kg.",
+            remedy="Correct the masses in the model's file; they are in kilograms.",
+        )
     raise ScenarioError(
         f"The object '{name}' has a mass of {mass:.3g} kg and moments of inertia of "
         f"{max(moments[0], 0.0):.1g} to {moments[-1]:.3g} kg m^2, which do not fit a size of "

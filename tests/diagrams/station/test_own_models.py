@@ -301,6 +301,7 @@ def test_a_pose_may_be_given_in_the_frame_of_another_model(tmp_path: Path) -> No
             "a.urdf",
             "mass of 0.3 kg and moments of inertia of 0 to",
         ),
+        (urdf_mug().replace("0.15", "150"), "a.urdf", "mass of 300 kg, but .* at most 3 kg"),
     ],
 )
 def test_an_object_needs_mass_and_inertia(text: str, name: str, says: str, tmp_path: Path) -> None:
