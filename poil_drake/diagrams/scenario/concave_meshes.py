@@ -9,6 +9,7 @@ from pydrake.geometry import Convex, GeometryId, Mesh, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import QhullError, cKDTree
 
+from poil_drake.diagrams.scenario.meshes import LoadTriangles
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import MissingDependencyError, ScenarioError
 from poil_drake.runtime.user_cache import cached_directory
@@ -34,7 +35,8 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         poil: The scenario's `poil` section.
 
     Raises:
-        ScenarioError: A collision mesh is concave, and `poil.collision` is not set.
+        ScenarioError: A collision mesh is concave, and `poil.collision` is not set; or it cannot
+            be read.
         MissingDependencyError: CoACD, which makes the pieces, is not installed.
     """
     if poil.collision == "hull":
@@ -45,29 +47,20 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         path = Path(shape.source().path()) if isinstance(shape, Mesh) else Path()
         if path.suffix.lower() not in (".obj", ".gltf"):
             continue
-        mesh = _load(path, shape.scale3())
+        body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).scoped_name().get_full()
+        mesh = LoadTriangles(path, body).process().apply_transform(np.diag([*shape.scale3(), 1.0]))
         gap = _largest_gap(mesh)
         if gap == 0.0:
             continue
         if poil.collision is None:
-            body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
             raise ScenarioError(
-                f"The collision mesh '{path}' of '{body.scoped_name()}' is concave: its convex "
+                f"The collision mesh '{path}' of '{body}' is concave: its convex "
                 f"hull, which Drake uses in contacts, is up to {1000 * gap:.0f} mm away from it. "
                 "This fills openings, as of a handle or a cup.",
                 remedy="Set poil.collision to 'decompose' to replace such meshes by convex pieces, "
                 "or to 'hull' if the filled shapes will do.",
             )
         _replace(plant, scene_graph, geometry, _pieces(mesh))
-
-
-def _load(path: Path, scale: np.ndarray) -> "trimesh.Trimesh":
-    import trimesh
-
-    mesh = trimesh.load(path, force="mesh")
-    if path.suffix.lower() == ".gltf":  # Its y axis points up.
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    return mesh.apply_transform(np.diag([*scale, 1.0]))
 
 
 def _largest_gap(mesh: "trimesh.Trimesh") -> float:

@@ -1,7 +1,10 @@
 """Makes the meshes of models usable by Drake's renderer, and checks their units."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydrake.common import MemoryFile
@@ -10,6 +13,9 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.errors import ScenarioError
+
+if TYPE_CHECKING:
+    import trimesh
 
 _READ = (".obj", ".gltf", ".vtk")  # Formats that Drake reads.
 _LARGEST = 10.0  # [m]; a mesh in millimetres is larger if its object is larger than 1 cm.
@@ -94,7 +100,7 @@ def _replacement(path: Path, name: str) -> str | None:
     suffix = path.suffix.lower()
     if suffix == ".gltf":
         return None
-    try:
+    with _ReadErrorsExplained(path, name):
         if suffix == ".obj":
             text = path.read_text(encoding="utf-8", errors="replace")
             return _with_normals(text) if _CORNER_WITHOUT_NORMAL.search(text) else None
@@ -105,16 +111,37 @@ def _replacement(path: Path, name: str) -> str | None:
             mesh = trimesh.load_mesh(path, process=False)
             mesh.unmerge_vertices()
             return mesh.export(file_type="obj", include_normals=True, include_texture=False)
-    except (OSError, ValueError, IndexError) as error:
-        raise ScenarioError(
-            f"The mesh {path} of '{name}' cannot be read ({error}).",
-            remedy="Export the mesh again as OBJ.",
-        ) from error
     raise ScenarioError(
         f"The mesh {path} of '{name}' has a format that cameras cannot draw.",
         remedy="Convert the mesh to .obj or .gltf, e.g. with trimesh.load(OLD).export(NEW) in "
         "Python, and name the new file in the model's file.",
     )
+
+
+def LoadTriangles(path: Path, name: str) -> "trimesh.Trimesh":
+    """Returns the mesh of a geometry `name` as Drake reads the file: z is up, and not scaled.
+
+    Raises:
+        ScenarioError: The file cannot be read.
+    """
+    import trimesh
+
+    with _ReadErrorsExplained(path, name):
+        mesh = trimesh.load(path, force="mesh", process=False)
+    if path.suffix.lower() == ".gltf":  # Its y axis points up.
+        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    return mesh
+
+
+@contextmanager
+def _ReadErrorsExplained(path: Path, name: str) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, ValueError, IndexError, KeyError) as error:
+        raise ScenarioError(
+            f"The mesh {path} of '{name}' cannot be read ({error}).",
+            remedy="Export the mesh again as OBJ.",
+        ) from error
 
 
 def _with_normals(text: str) -> str:

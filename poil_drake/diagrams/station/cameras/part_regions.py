@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
@@ -16,12 +15,10 @@ from pydrake.geometry import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.scenario.meshes import LoadTriangles
 from poil_drake.diagrams.scenario.model_parts import ModelGeometries, ModelGeometry
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.errors import ScenarioError
-
-_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Drake turns glTF files, whose y axis points up, so that their z axis does."""
 
 
 def SeparateParts(
@@ -45,7 +42,7 @@ def SeparateParts(
         `parts`, with a regular expression for the names of the new geometries for each region.
 
     Raises:
-        ScenarioError: A region contains nothing of the model's meshes.
+        ScenarioError: A region contains nothing of the model's meshes, or one cannot be read.
     """
     patterns = {part: what for part, what in parts.items() if isinstance(what, str)}
     for part, region in parts.items():
@@ -77,9 +74,7 @@ def _split(
     shape = inspector.GetShape(geometry.id)
     if not (isinstance(shape, Mesh) and shape.source().is_path()):
         return False
-    mesh = trimesh.load(str(shape.source().path()), force="mesh", process=False)
-    if shape.source().extension() == ".gltf":
-        mesh.vertices = mesh.vertices @ _Z_UP.T
+    mesh = LoadTriangles(Path(shape.source().path()), inspector.GetName(geometry.id))
     mesh.vertices *= shape.scale3()
     X_LG, frame = inspector.GetPoseInFrame(geometry.id), inspector.GetFrameId(geometry.id)
     inside = region.contains((X_LG @ mesh.triangles_center.T).T)
