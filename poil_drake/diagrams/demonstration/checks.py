@@ -35,8 +35,12 @@ def CheckMotion(
     if not scene.has_collision_geometry:
         return
     if poil.demonstration_motion.keyframes:
-        remedy = "Change poil.demonstration_motion.keyframes."
+        remedy = later = "Change poil.demonstration_motion.keyframes."
     else:
+        later = (
+            "Use a smaller object (poil.demonstration_object) or a higher fixture, move what is in "
+            "the way, or set poil.demonstration_motion.keyframes."
+        )
         remedy = (
             "Set poil.table_height to the height of the surface on which objects stand, and "
             "poil.demonstration_motion.hanging.start to a free place on it."
@@ -58,7 +62,7 @@ def CheckMotion(
                 f"The demonstration's object is inside '{found.model}::{found.name}' "
                 f"{f'{time:.2f} s after its start' if time else 'at its start'}, with its frame at "
                 f"{_text(motion.pose(time))}.",
-                remedy=remedy,
+                remedy=later if time else remedy,
             )
 
 

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from bare_mugs import write_bare_mug
 from moved_scene import moved
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
@@ -51,6 +52,16 @@ def test_an_impossible_demonstration_is_refused(changes, problem, remedy, tmp_pa
 
     assert remedy in info.value.remedy
     assert not (tmp_path / "demo.mcap").exists()
+
+
+def test_an_object_too_large_for_the_fixture_is_refused(tmp_path):
+    mug = write_bare_mug(tmp_path, file_format="sdf", shapes="boxes", height=0.3)
+    own = f"  demonstration_object: {mug}\n  demonstration_parts: {{ handle: 'handle_.*' }}\n"
+
+    with pytest.raises(ScenarioError, match=r"inside 'table::top' \d\.\d+ s after") as info:
+        RecordDemonstration(ChooseScenario(data=SMALL + own), tmp_path / "demo.mcap")
+
+    assert "smaller object" in info.value.remedy
 
 
 @pytest.mark.parametrize("size", [(96, 72), (64, 48)])
