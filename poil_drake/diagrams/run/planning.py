@@ -8,6 +8,7 @@ import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.diagrams.loop.perception import MakeScenarioTracker
+from poil_drake.diagrams.scenario.model_checks import RequireFreeStart
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
@@ -56,6 +57,9 @@ def PlanScenario(
             scenario, hardware=hardware, dry_run=True, ignore_output_delay=True
         ) as station:
             context = station.CreateDefaultContext()
+            if not hardware:
+                query = station.GetOutputPort("query_object").Eval(context)
+                RequireFreeStart(station.plant(), query, poil.object)
             frame = CaptureFrame(station, context, labels=True)
             q_start = station.ArmPosition(context)
         check_plausible(frame, table_height=poil.table_height)

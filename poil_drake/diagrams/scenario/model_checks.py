@@ -1,7 +1,7 @@
-"""Checks the models of a finalized plant: where joints start, mass and size."""
+"""Checks the models of a finalized plant: where joints and the object start, mass and size."""
 
 import numpy as np
-from pydrake.geometry import Role, SceneGraphInspector
+from pydrake.geometry import QueryObject, Role, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.meshes import BoxCorners
@@ -13,6 +13,7 @@ _UNITS = {"revolute": " rad", "prismatic": " m"}
 _LARGEST_OBJECT = 1.0  # [m]; nothing that a Panda's hand can carry is larger.
 _SMALLEST_OBJECT = 0.005  # [m]; cameras and fingers lose smaller objects.
 _LARGEST_MASS = 3.0  # [kg]; a Panda carries no more.
+_LARGEST_OVERLAP = 0.01  # [m] of an object and what it stands on.
 _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
 
 
@@ -102,6 +103,25 @@ def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, 
         remedy="Correct the mass and inertia in the model's file. A link without <inertial> has "
         "1 kg and 1 kg m^2 in SDFormat.",
     )
+
+
+def RequireFreeStart(plant: MultibodyPlant, query: QueryObject, name: str) -> None:
+    """Checks that the object `name` is not inside another model at the time of a query.
+
+    Raises:
+        ScenarioError: It is, as one that nothing has placed is in the base of the robot.
+    """
+    own, inspector = set(ModelBodies(plant, name)), query.inspector()
+    for pair in query.ComputePointPairPenetration():
+        frames = map(inspector.GetFrameId, (pair.id_A, pair.id_B))
+        others = [b for b in map(plant.GetBodyFromFrameId, frames) if b.index() not in own]
+        if len(others) == 1 and pair.depth > _LARGEST_OVERLAP:
+            raise ScenarioError(
+                f"The object '{name}' starts {1000 * pair.depth:.0f} mm inside "
+                f"'{others[0].scoped_name().get_full()}'.",
+                remedy="Set default_free_body_pose of its base link in the directive that adds "
+                f"'{name}', or its pose in the model's file, to a free place.",
+            )
 
 
 def _sides(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> np.ndarray:

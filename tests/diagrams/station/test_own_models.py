@@ -1,6 +1,7 @@
 """Models as people have them: the base, the part, and what is refused when a station is built."""
 
 import dataclasses
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.run.task_success import SimulatedTruth
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
+from poil_drake.diagrams.scenario.model_checks import RequireFreeStart
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import ScenarioError
@@ -309,6 +311,28 @@ def test_an_object_needs_mass_and_inertia(text: str, name: str, says: str, tmp_p
 
     with pytest.raises(ScenarioError, match=says):
         MakeStation(scenario, cameras=False)
+
+
+@pytest.mark.parametrize(
+    ("pose", "inside"),
+    [
+        ("{}", "panda::panda_link0"),
+        ("{body: {translation: [0.55, 0.30, 0.1]}}", "rack::stand"),
+        ("{body: {translation: [0.47, -0.12, -0.03]}}", "table::table"),
+        ("{body: {translation: [0.47, -0.12, -0.002]}}", None),
+    ],
+)
+def test_an_object_starts_outside_of_other_models(pose: str, inside: str | None) -> None:
+    more = PACKAGE_MUG.replace("{body: {translation: [0.47, -0.12, 0.0]}}", pose)
+    station = MakeStation(ChooseScenario(data=own_scenario(more=more)), cameras=False)
+    query = station.GetOutputPort("query_object").Eval(station.CreateDefaultContext())
+
+    with (
+        pytest.raises(ScenarioError, match=f"'mug' starts .* mm inside '{inside}'")
+        if inside
+        else nullcontext()
+    ):
+        RequireFreeStart(station.plant(), query, "mug")
 
 
 @pytest.mark.parametrize(
