@@ -87,7 +87,8 @@ class LabelImageDetector:
             raise DetectionError(
                 f"The views show only {seen} pixels of the part '{part_label}' of "
                 f"'{object_label}', but {needed} are needed.{'' if seen else others}",
-                remedy="Turn the object, add a camera that sees the part, or move a camera nearer.",
+                remedy="Turn the object, add a camera that sees the part, move a camera nearer, or "
+                "use images of more pixels.",
             )
         return PartMasks(
             object_masks=tuple(_mask(image, object_ids) for image in frame.images),
