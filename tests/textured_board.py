@@ -65,14 +65,8 @@ def pose_on_hand() -> np.ndarray:
 
 
 def board_scenario(board_sdf: Path) -> Scenario:
-    """Returns the package's scenario with the board in the hand.
-
-    Drake's renderers take the principal point from the image's corner, where the centre of the
-    first pixel is at (0.5, 0.5). The cameras' models, as those of real cameras, have it at (0, 0).
-    """
-    centers = "{center_x: 320.0, center_y: 240.0}"
-    cameras = f"cameras: {{left: {centers}, right: {centers}}}"
-    plain = LoadScenario(filename=default_scenario_file(), data=cameras)
+    """Returns the package's scenario with the board in the hand."""
+    plain = LoadScenario(filename=default_scenario_file())
     X = pose_on_hand()
     rpy = Rotation.from_matrix(X[:3, :3]).as_euler("xyz", degrees=True).tolist()
     text = default_scenario_file().read_text()

@@ -9,7 +9,7 @@ from pydrake.geometry import Convex, GeometryId, Mesh, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import QhullError, cKDTree
 
-from poil_drake.diagrams.scenario.meshes import LoadTriangles
+from poil_drake.diagrams.scenario.meshes import LoadScene
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import MissingDependencyError, ScenarioError
 from poil_drake.runtime.user_cache import cached_directory
@@ -48,7 +48,8 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         if path.suffix.lower() not in (".obj", ".gltf"):
             continue
         body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).scoped_name().get_full()
-        mesh = LoadTriangles(path, body).process().apply_transform(np.diag([*shape.scale3(), 1.0]))
+        mesh = LoadScene(path, body).to_mesh().process()
+        mesh.apply_transform(np.diag([*shape.scale3(), 1.0]))
         gap = _largest_gap(mesh)
         if gap == 0.0:
             continue

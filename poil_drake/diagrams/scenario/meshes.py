@@ -118,8 +118,8 @@ def _replacement(path: Path, name: str) -> str | None:
     )
 
 
-def LoadTriangles(path: Path, name: str) -> "trimesh.Trimesh":
-    """Returns the mesh of a geometry `name` as Drake reads the file: z is up, and not scaled.
+def LoadScene(path: Path, name: str) -> "trimesh.Scene":
+    """Returns the meshes in the file of a geometry `name` as Drake reads it: z up, not scaled.
 
     Raises:
         ScenarioError: The file cannot be read.
@@ -127,10 +127,10 @@ def LoadTriangles(path: Path, name: str) -> "trimesh.Trimesh":
     import trimesh
 
     with _ReadErrorsExplained(path, name):
-        mesh = trimesh.load(path, force="mesh", process=False)
+        scene = trimesh.load(path, force="scene", process=False)
     if path.suffix.lower() == ".gltf":  # Its y axis points up.
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    return mesh
+        scene.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
+    return scene
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from bare_mugs import write_bare_mug
-from moved_scene import moved
+from moved_scene import SMALL, moved
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
@@ -9,14 +9,6 @@ from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 
 pytestmark = pytest.mark.render
-
-SMALL = """
-cameras:
-  left: { width: 320, height: 240 }
-  right: { width: 320, height: 240 }
-poil:
-  rates: { tracker: 1 }
-"""
 
 
 def keyframes(*heights: float) -> str:

@@ -162,6 +162,9 @@ def _apply(name: str, config: CameraConfig, builder: DiagramBuilder, lcm_buses: 
     """Adds a camera, ignoring its `output_delay`."""
     config = copy.copy(config)
     config.output_delay = 0.0
+    # Drake's renderers measure from the image's corner, so that the first pixel's centre is at
+    # (0.5, 0.5). In the cameras' models, as in those of real cameras, it is at (0, 0).
+    config.center_x, config.center_y = np.add(config.principal_point(), 0.5)
     lcm = None
     if not (config.rgb or config.depth or config.label):
         # Drake leaves out a camera that publishes nothing.

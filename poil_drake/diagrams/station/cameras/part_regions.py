@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
 import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
@@ -14,11 +15,15 @@ from pydrake.geometry import (
     SceneGraph,
 )
 from pydrake.multibody.plant import MultibodyPlant
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import SimpleMaterial
 
-from poil_drake.diagrams.scenario.meshes import LoadTriangles
+from poil_drake.diagrams.scenario.meshes import LoadScene
 from poil_drake.diagrams.scenario.model_parts import ModelGeometries, ModelGeometry
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.errors import ScenarioError
+
+_WHITE = np.full(4, 255, np.uint8)
 
 
 def SeparateParts(
@@ -74,7 +79,7 @@ def _split(
     shape = inspector.GetShape(geometry.id)
     if not (isinstance(shape, Mesh) and shape.source().is_path()):
         return False
-    mesh = LoadTriangles(Path(shape.source().path()), inspector.GetName(geometry.id))
+    mesh = _whole(LoadScene(shape.source().path(), inspector.GetName(geometry.id)))
     mesh.vertices *= shape.scale3()
     X_LG, frame = inspector.GetPoseInFrame(geometry.id), inspector.GetFrameId(geometry.id)
     inside = region.contains((X_LG @ mesh.triangles_center.T).T)
@@ -90,6 +95,17 @@ def _split(
             instance.set_perception_properties(properties)
             scene_graph.RegisterGeometry(source, frame, instance)
     return True
+
+
+def _whole(scene: trimesh.Scene) -> trimesh.Trimesh:
+    """Returns the meshes of a file as one, whose materials become one texture."""
+    mesh = scene.to_mesh()
+    if len(scene.geometry) > 1 and isinstance(mesh.visual, TextureVisuals):
+        # The texture has the materials' colours already, which a grey default would darken.
+        image = getattr(mesh.visual.material, "image", None)
+        image = image or getattr(mesh.visual.material, "baseColorTexture", None)
+        mesh.visual.material = SimpleMaterial(image=image, diffuse=_WHITE)
+    return mesh
 
 
 def _as_shape(mesh: trimesh.Trimesh) -> Mesh:

@@ -118,13 +118,13 @@ def observe(
         u, v = u[chosen], v[chosen]
         confidence = confidence[v, u]
         u, v = u0 + u * stride, v0 + v * stride
-        firm = _is_on_surface(image.depth, u, v)
+        firm = is_on_surface(image.depth, u, v)
         points.append(unproject_to_world(camera, image.depth, u[firm], v[firm]).astype(np.float32))
         weights.append(confidence[firm])
     return ObservedPoints(np.concatenate(points), np.concatenate(weights))
 
 
-def _is_on_surface(depth: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def is_on_surface(depth: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Returns which pixels (q,) bool have enough neighbours of about the same depth."""
     height, width = depth.shape
     rows = np.clip(v[:, None] + _NEIGHBOURS[0], 0, height - 1)

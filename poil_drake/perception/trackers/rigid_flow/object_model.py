@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.depth_image import COARSE_PIXEL, erode_mask, pixel_size
+from poil_drake.geometry.depth_image import erode_mask
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.geometry.rigid_transform import make_transform
@@ -37,9 +37,7 @@ from poil_drake.perception.trackers.rigid_flow.view_window import (
     view_surface,
 )
 
-_EROSION = 1
-"""Border removed from the object's masks [px], which are about that much too large. Coarse pixels
-keep it: it would be a large part of a handle."""
+_EROSION = 1  # border removed from the object's masks, which are about that much too large [px]
 
 _MIN_POINTS = 100  # surface points that a model needs
 _PATCHES_PER_VIEW = 40  # texture patches taken from one view of the first frame
@@ -99,8 +97,7 @@ def build_model(
         if window is None:
             continue
         (u0, v0), (height, width) = window.corner, window.depth.shape
-        coarse = pixel_size(mask, image.depth, camera.K) > COARSE_PIXEL
-        inner = erode_mask(mask, 0 if coarse else _EROSION)[v0 : v0 + height, u0 : u0 + width]
+        inner = erode_mask(mask, _EROSION)[v0 : v0 + height, u0 : u0 + width]
         surfaces.append((window, view_surface(window, inner)))
     count = sum(len(seen.points) for _, seen in surfaces)
     if count < _MIN_POINTS:

@@ -33,6 +33,11 @@ from poil_drake.perception.trackers.rigid_flow.alignment.pose_location import (
     predict,
     spread,
 )
+from poil_drake.perception.trackers.rigid_flow.coarse_views import (
+    doubled,
+    doubled_mask,
+    is_coarse,
+)
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.perception.trackers.rigid_flow.model_growth import (
     Keyframe,
@@ -79,6 +84,12 @@ class RigidFlowTracker:
         """
         masks = _checked_masks(frame, object_masks)
         points = frozen_array(query_points, name="query_points", shape=("N", 3))
+        coarse = [is_coarse(camera, points.mean(axis=0)) for camera in frame.cameras]
+        frame = doubled(frame, coarse)
+        masks = tuple(
+            doubled_mask(mask) if double else mask
+            for mask, double in zip(masks, coarse, strict=True)
+        )
         model, X_WO = build_model(frame, points, masks, self.config)
         state = RigidFlowState(
             model=model,
@@ -100,6 +111,8 @@ class RigidFlowTracker:
         """Tracks the points to the next frame; see `Tracker.step`."""
         if motion_prior is not None:
             motion_prior = frozen_array(motion_prior, name="motion_prior", shape=(4, 4))
+        views = zip(frame.cameras, state.model.appearance.reference_views, strict=True)
+        frame = doubled(frame, [view.camera.width > camera.width for camera, view in views])
         elapsed = max(frame.stamp - state.stamp, 0.0)
         predicted = predict(state, elapsed, motion_prior, self.config)
         location = locate(state, frame, predicted, self.config)

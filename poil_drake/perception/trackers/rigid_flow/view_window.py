@@ -5,13 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from poil_drake.geometry.depth_image import (
-    COARSE_PIXEL,
-    depth_edges,
-    depth_normals,
-    pixel_size,
-    project,
-)
+from poil_drake.geometry.depth_image import depth_edges, depth_normals, project
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.pca_normals import pca_normals
 from poil_drake.geometry.point_cloud import PointCloud, statistical_inliers, voxel_downsample
@@ -29,8 +23,7 @@ _BLUR = 1.0  # standard deviation of the blur before image gradients are taken [
 _SPACING = 0.003  # of the surface points [m]; two pixels at 0.65 m
 _NEIGHBOURS, _DEVIATIONS = 12, 2.5  # of the outlier test that removes flying pixels
 _NORMAL_STEP = 1  # [px]; wider differences leave no normals on a handle
-_NORMAL_SMOOTHING, _COARSE_SMOOTHING = 2, 1
-"""Half width of the box over which normals are averaged [px], with fine and with coarse pixels."""
+_NORMAL_SMOOTHING = 2  # half width of the box over which normals are averaged [px]
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,12 +175,11 @@ def view_normals(window: ViewWindow, mask: np.ndarray) -> np.ndarray:
 
     They are computed from the mask's pixels only, and are NaN outside it and along its border.
     """
-    coarse = pixel_size(mask, window.surface, window.K) > COARSE_PIXEL
     return depth_normals(
         np.where(mask, window.surface, np.float32(0.0)),
         window.K,
         step=_NORMAL_STEP,
-        smoothing=_COARSE_SMOOTHING if coarse else _NORMAL_SMOOTHING,
+        smoothing=_NORMAL_SMOOTHING,
         relative_jump=EDGE_JUMP,
     )
 
