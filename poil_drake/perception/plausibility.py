@@ -143,7 +143,7 @@ def _other_poses(camera: CameraModel) -> list[tuple[np.ndarray, str]]:
         (X_WC @ y_up, "its pose follows OpenGL (z backward, y up), not the optical frame"),
         (inverse(X_WC), "its pose is that of the world in the camera, not the reverse"),
     ]
-    if np.linalg.norm(X_WC[:3, 3]) > _LARGEST_DEPTH:
+    if np.max(np.abs(X_WC[:3, 3])) > _LARGEST_DEPTH:
         millimetres = X_WC.copy()
         millimetres[:3, 3] /= 1000.0
         poses.append((millimetres, "the position of its pose is in millimetres, not in metres"))
