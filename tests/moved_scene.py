@@ -1,4 +1,4 @@
-"""The package's scenario, moved as a whole in the world."""
+"""The package's scenario, recorded coarsely, and moved as a whole in the world."""
 
 import copy
 import dataclasses
@@ -8,6 +8,15 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from poil_drake.diagrams.scenario.load import LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
+
+SMALL = """
+cameras:
+  left: { width: 320, height: 240 }
+  right: { width: 320, height: 240 }
+poil:
+  rates: { tracker: 1 }
+"""
+"""Makes demonstrations of a few small frames. Further keys of `poil` can be appended."""
 
 
 def moved(scenario: Scenario, *, height: float = 0.0, yaw: float = 0.0) -> Scenario:

@@ -139,10 +139,8 @@ class RosRecording:
 
         `color` and `depth` make a message from pixels (depth in [mm]), stamp [ns] and frame.
         """
-        make_color, make_depth = (
-            color or partial(raw_image, "rgb8"),
-            depth or partial(raw_image, "16UC1"),
-        )
+        make_color = color or partial(raw_image, "rgb8")
+        make_depth = depth or partial(raw_image, "16UC1")
         dut = cls()
         for name in ("left", "right"):
             optical, link = f"{name}_color_optical_frame", f"{name}_link"
@@ -156,14 +154,11 @@ class RosRecording:
                 time = i * 10**9 // 8
                 stamp, view = dut.start + time, image(i, stamp=i / 8)
                 millimetres = np.rint(1000 * view.depth).astype("<u2")
-                for topic, content in (
-                    ("color/image_raw", make_color(view.rgb, stamp, optical)),
-                    ("color/camera_info", camera_info(K, (WIDTH, HEIGHT), stamp, optical)),
-                    (
-                        "aligned_depth_to_color/image_raw",
-                        make_depth(millimetres, stamp, optical),
-                    ),
-                ):
+                for topic, content in {
+                    "color/image_raw": make_color(view.rgb, stamp, optical),
+                    "color/camera_info": camera_info(K, (WIDTH, HEIGHT), stamp, optical),
+                    "aligned_depth_to_color/image_raw": make_depth(millimetres, stamp, optical),
+                }.items():
                     dut.add(f"/{name}/{topic}", time + 10_000_000, content)
         return dut
 
@@ -174,6 +169,10 @@ class RosRecording:
     def edit(self, topic: str, change: Callable[[Any], Any]) -> None:
         """Replaces the contents of a topic's messages."""
         self.messages = [(*m[:3], change(m[3])) if m[0] == topic else m for m in self.messages]
+
+    def set_frame(self, topic: str, frame: str) -> None:
+        """Sets the frame in the headers of a topic's messages."""
+        self.edit(topic, lambda old: old | {"header": old["header"] | {"frame_id": frame}})
 
     def drop(self, topic: str) -> None:
         """Removes a topic."""

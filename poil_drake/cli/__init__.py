@@ -15,6 +15,7 @@ from poil_drake import __version__
 from poil_drake.cli import options, skill
 from poil_drake.cli.bench import bench_app
 from poil_drake.cli.calibrate import calibrate_app
+from poil_drake.cli.demo import demo_app
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
@@ -45,13 +46,9 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     epilog="Tab completion: run `poil --install-completion` and open a new terminal.",
 )
-demo_app = typer.Typer(no_args_is_help=True, help="Record, import and show demonstrations.")
 app.add_typer(demo_app, name="demo")
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(bench_app, name="bench")
-demo_app.command("record")(skill.demo_record)
-demo_app.command("import")(skill.demo_import)
-demo_app.command("show")(skill.demo_show)
 for verb in (skill.run, skill.transfer, skill.execute, skill.replay, skill.driver):
     app.command()(verb)
 

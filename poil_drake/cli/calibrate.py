@@ -3,7 +3,6 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from poil_drake.cli import options
@@ -28,19 +27,13 @@ Dictionary = Annotated[
 
 
 def _board(squares: str, square: float, marker: float, dictionary: str) -> "CalibrationBoard":
-    from poil_drake.perception.calibration.board import BoardConfig, CalibrationBoard
+    from poil_drake.perception.calibration.board import CalibrationBoard
 
     columns, _, rows = squares.partition("x")
     if not (columns.isdecimal() and rows.isdecimal()):
         raise typer.BadParameter(f"--squares is '{squares}', not two numbers such as 7x5.")
     return CalibrationBoard(
-        BoardConfig(
-            columns=int(columns),
-            rows=int(rows),
-            square=square,
-            marker=marker,
-            dictionary=dictionary,
-        )
+        int(columns), int(rows), square=square, marker=marker, dictionary=dictionary
     )
 
 
@@ -102,7 +95,6 @@ def calibrate_cameras(
     from poil_drake.diagrams.calibration.calibration_file import RequireCalibrationPath
     from poil_drake.diagrams.calibration.camera_calibration import (
         CalibrateCameras,
-        ChooseCameras,
         TakeViews,
     )
 
@@ -112,17 +104,8 @@ def calibrate_cameras(
     for path in (output, picture):
         require_writable(path, inputs=(chosen.source.file,))
     RequireCalibrationPath(output)
-    wanted = ChooseCameras(chosen, names(cameras), keep)
     if hardware:
-        TakeViews(
-            chosen,
-            views,
-            board,
-            cameras=wanted,
-            on_hand=keep is None,
-            ask=_ask,
-            say=typer.echo,
-        )
+        TakeViews(chosen, views, board, cameras=names(cameras), kept=keep, ask=_ask)
     result = CalibrateCameras(
         chosen,
         views,
@@ -133,20 +116,19 @@ def calibrate_cameras(
         picture=picture,
     )
     for name, found in result.cameras.items():
-        how = (
-            "kept"
-            if name == keep
-            else f"standard error {1e3 * found.position_error:.2f} mm, "
-            f"{np.rad2deg(found.rotation_error):.3f} deg"
+        focal = found.focal_length
+        typer.echo(f"{name:<10} reprojection error {found.rms:.2f} px (RMS), {found.error_text}")
+        typer.echo(
+            f"           focal length {focal.stated:.1f} px as stated, {focal.found:.1f} +- "
+            f"{focal.error:.1f} px by the views"
         )
-        typer.echo(f"{name:<10} reprojection error {found.rms:.2f} px (RMS), {how}")
     if result.left_out:
         images = ", ".join(view.name for view in result.left_out)
         typer.echo(f"left out, as they do not fit the others: {images}")
-    if keep is None:
+    if (edge := result.square) is not None:
         typer.echo(
-            f"squares    {1e3 * result.square:.2f} mm by the hand's motions, {1e3 * square:.2f} mm "
-            "as stated"
+            f"squares    {1e3 * edge.stated:.2f} mm as stated, {1e3 * edge.found:.2f} +- "
+            f"{1e3 * edge.error:.2f} mm by the hand's motions"
         )
     typer.echo(f"wrote the poses to {output}, and a picture of the errors to {picture}")
     typer.echo(f"to use them, set in the scenario: poil: {{ calibration: {output.resolve()} }}")

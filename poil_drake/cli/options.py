@@ -64,7 +64,9 @@ Mcap = Annotated[
 ]
 Png = Annotated[Path | None, typer.Option("--png", help="Summary picture. Default: out/run.png.")]
 Json = Annotated[Path | None, typer.Option("--json", help="All results. Default: out/run.json.")]
-NoMeshcat = Annotated[bool, typer.Option("--no-meshcat", help="No live page and no recording.")]
+NoMeshcat = Annotated[
+    bool, typer.Option("--no-meshcat", help="No live page; a run then has no HTML recording.")
+]
 RealtimeRate = Annotated[
     float | None,
     typer.Option(
@@ -88,10 +90,10 @@ DryRun = Annotated[
 ]
 
 
-def pairs(entries: Sequence[str], *, option: str) -> dict[str, str]:
+def pairs(entries: Sequence[str] | None, *, option: str) -> dict[str, str]:
     """Returns the NAME=VALUE entries of an option that may be repeated, each name once."""
     found: dict[str, str] = {}
-    for entry in entries:
+    for entry in entries or ():
         name, equals, value = entry.partition("=")
         if not name or not equals or not value or name in found:
             problem = "repeats a name" if name in found else "is not of the form NAME=VALUE"
@@ -100,7 +102,7 @@ def pairs(entries: Sequence[str], *, option: str) -> dict[str, str]:
     return found
 
 
-def label_numbers(entries: Sequence[str]) -> dict[str, list[int]]:
+def label_numbers(entries: Sequence[str] | None) -> dict[str, list[int]]:
     """Returns the NAME=NUMBERS entries of --label, with the numbers separated by commas."""
     try:
         return {

@@ -13,6 +13,8 @@ _TINY = np.float32(1e-6)
 # The 16-bit depth that means "too far" in the images of Drake and of saturated cameras.
 _TOO_FAR = 65535
 
+_PINHOLE_JUMP = 0.03  # as a share of the depth, between two pixels of one surface
+
 COARSE_PIXEL = 0.002
 """A pixel that covers more than this is coarse [m]: handles and rims are only a few pixels wide. A
 camera of 640 x 480 pixels has pixels of 1 to 1.5 mm at 0.65 m, one of 320 x 240 twice as large."""
@@ -225,7 +227,7 @@ def register_depth(
     return _fill_pinholes(registered.reshape(size).astype(np.float32))
 
 
-def _fill_pinholes(depth: np.ndarray, relative_jump: float = 0.03) -> np.ndarray:
+def _fill_pinholes(depth: np.ndarray) -> np.ndarray:
     """Returns depth (H, W) in which single empty pixels get the mean of opposite neighbours."""
     filled = depth.copy()
     around = np.pad(depth, 1)
@@ -234,7 +236,7 @@ def _fill_pinholes(depth: np.ndarray, relative_jump: float = 0.03) -> np.ndarray
         (around[:-2, 1:-1], around[2:, 1:-1]),
     ):
         nearer = np.minimum(first, second)
-        same = (nearer > 0.0) & (np.abs(first - second) <= relative_jump * nearer)
+        same = (nearer > 0.0) & (np.abs(first - second) <= _PINHOLE_JUMP * nearer)
         hole = same & (filled == 0.0)
         filled[hole] = 0.5 * (first + second)[hole]
     return filled

@@ -1,4 +1,3 @@
-from .calibration.board import BoardConfig as BoardConfig
 from .calibration.board import CalibrationBoard as CalibrationBoard
 from .calibration.camera_poses import CalibrationResult as CalibrationResult
 from .calibration.camera_poses import calibrate_cameras as calibrate_cameras

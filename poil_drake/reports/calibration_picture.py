@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from poil_drake.perception.calibration.first_guess import BoardView
 from poil_drake.perception.calibration.view_folder import View
 from poil_drake.perception.images import CameraModel
 
-_SHOWN = 3  # Images of each camera: the one with the largest error, and others.
+_SHOWN = 4  # Images of each camera: the one with the largest error, and others.
 _MAGNIFICATION = 50.0  # of the errors in the images.
 
 
@@ -26,7 +25,7 @@ def calibration_picture(
     board: CalibrationBoard,
     result: CalibrationResult,
 ) -> None:
-    """Writes a PNG with a row for each camera: some images, and all reprojection errors.
+    """Writes a PNG with a row of images for each camera, and the errors of its pose.
 
     Detected corners are circles; the computed poses put them at the crosses. Lines show the errors,
     magnified. Images that were left out are marked.
@@ -41,13 +40,15 @@ def calibration_picture(
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.2 * (_SHOWN + 1), 3.4 * len(cameras)), dpi=100, layout="constrained")
-    rows = figure.subplots(len(cameras), _SHOWN + 1, squeeze=False)
+    figure = Figure(figsize=(4.2 * _SHOWN, 3.4 * len(cameras)), dpi=100, layout="constrained")
+    rows = figure.subplots(len(cameras), _SHOWN, squeeze=False)
     for axes, camera in zip(rows, cameras, strict=True):
-        own = [v for v in found if v.camera == camera.name and v.view in result.boards]
+        own = [view for view in found if view.camera == camera.name]
         pixels = [_reprojected(view, camera, board, result) for view in own]
-        errors = [view.pixels - there for view, there in zip(own, pixels, strict=True)]
-        sizes = [float(np.sqrt((e**2).sum(axis=1).mean())) for e in errors]
+        sizes = [
+            float(np.sqrt(((view.pixels - there) ** 2).sum(axis=1).mean()))
+            for view, there in zip(own, pixels, strict=True)
+        ]
         worst = int(np.argmax(sizes))
         others = [k for k in range(len(own)) if k != worst]
         spread = np.linspace(0, len(others) - 1, _SHOWN - 1).round().astype(int)
@@ -62,10 +63,10 @@ def calibration_picture(
             out = ", left out" if view in result.left_out else ""
             axis.set_title(f"view {views[view.view].name}: {sizes[k]:.2f} px{out}", fontsize=9)
             axis.set(xticks=[], yticks=[], xlim=(0, camera.width), ylim=(camera.height, 0))
-        axes[0].set_ylabel(camera.name)
-        _draw_errors(axes[-1], own, errors, camera.name, result)
+        calibrated = result.cameras[camera.name]
+        axes[0].set_ylabel(f"{camera.name}: {calibrated.rms:.2f} px\n{calibrated.error_text}")
     figure.suptitle(
-        f"Board {board.config.columns} x {board.config.rows}; circles: detected corners, crosses: "
+        f"Board {board.columns} x {board.rows}; circles: detected corners, crosses: "
         f"computed; red: errors x {_MAGNIFICATION:g}",
         fontsize=10,
     )
@@ -79,26 +80,3 @@ def _reprojected(
     """Returns the pixels (K, 2) at which the computed poses put a view's corners."""
     points = transform_points(result.boards[view.view], board.corners[view.corners])
     return project(points, camera.K, result.cameras[camera.name].X_WC)[0]
-
-
-def _draw_errors(
-    axis: Any,
-    views: Sequence[BoardView],
-    errors: Sequence[np.ndarray],
-    camera: str,
-    result: CalibrationResult,
-) -> None:
-    kept = [e for view, e in zip(views, errors, strict=True) if view not in result.left_out]
-    for error in kept:  # One colour for each view.
-        axis.plot(*error.T, ".", ms=3)
-    found = result.cameras[camera]
-    limit = 1.1 * max(float(np.abs(error).max()) for error in kept)
-    axis.set(xlim=(-limit, limit), ylim=(limit, -limit), aspect="equal", xlabel="error [px]")
-    axis.grid(alpha=0.3)
-    how = "pose kept"
-    if found.position_error > 0.0:
-        how = (
-            f"standard error {1e3 * found.position_error:.2f} mm, "
-            f"{np.rad2deg(found.rotation_error):.3f} deg"
-        )
-    axis.set_title(f"RMS {found.rms:.2f} px\n{how}", fontsize=9)

@@ -5,17 +5,16 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from poil_drake.perception.calibration.depth_check import (
-    TOLERANCE,
     Cause,
     DepthCheck,
     PairFit,
     TableFit,
+    wrong_unit,
 )
 from poil_drake.perception.calibration.view_cloud import BAND
 from poil_drake.reports.doctor import Finding
 
 _CALIBRATE = "Run poil calibrate cameras."
-_UNITS = 0.05  # A scale this close to a power of ten is a wrong unit (relative).
 
 
 def camera_findings(check: DepthCheck) -> list[Finding]:
@@ -54,10 +53,15 @@ def _camera_finding(name: str, fit: TableFit | None, check: DepthCheck) -> Findi
     causes = [_cause_text(name, cause, fit) for cause in check.causes.get(name, ())]
     remedy = " Or: ".join(causes)
     if len(causes) > 1:
-        remedy += " To tell which, put objects in view of several cameras."
+        alone = len(check.tables) == 1
+        remedy += (
+            " Or: poil.table_height is wrong."
+            if alone
+            else " To tell which, put objects in view of several cameras."
+        )
     if check.table_height is not None:
         remedy = "See the finding on the table."
-    return Finding(name, fit.deviation <= TOLERANCE, found, remedy)
+    return Finding(name, fit.ok, found, remedy)
 
 
 def _cause_text(name: str, cause: Cause, fit: TableFit) -> str:
@@ -65,11 +69,11 @@ def _cause_text(name: str, cause: Cause, fit: TableFit) -> str:
     source = f"poil.hardware.cameras.{name}"
     tool = "calibrate the camera's depth with its maker's tool"
     if cause.kind == "scale":
-        power = round(float(np.log10(cause.value)))
-        if power and abs(cause.value / 10.0**power - 1.0) < _UNITS:
-            size = "small" if power > 0 else "large"
+        if (ratio := wrong_unit(cause.value)) is not None:
+            size = "small" if ratio > 1.0 else "large"
             return (
-                f"Its depth is {10 ** abs(power)} times too {size}, so it is in another unit. "
+                f"Its depth is {max(ratio, 1.0 / ratio):g} times too {size}, so it is in another "
+                "unit. "
                 f"Correct depth_scale in {source}, or what sends the images."
             )
         error = 1.0 / cause.value - 1.0
@@ -86,8 +90,8 @@ def _cause_text(name: str, cause: Cause, fit: TableFit) -> str:
         )
     if abs(cause.value) > BAND:
         return (
-            f"Its pose is far off. Check cameras.{name}.X_PB: the camera looks along +z, with +y "
-            "down in the image."
+            f"Its pose (cameras.{name}.X_PB) or poil.table_height is far off. The camera looks "
+            "along +z, with +y down in the image."
         )
     side = "low" if cause.value > 0.0 else "high"
     return (
@@ -106,19 +110,17 @@ def _pair_finding(names: tuple[str, str], pair: PairFit | None, check: DepthChec
         f"clouds {1e3 * pair.distance:.1f} mm apart (median); they fit best if {names[0]}'s moves "
         f"by [{x:.1f}, {y:.1f}, {z:.1f}] mm and turns by {np.rad2deg(pair.turn):.2f} deg"
     )
-    blamed = [camera for camera in names if not _table_fits(check.tables, camera)]
+    tables = [check.tables[camera] for camera in names]
+    if np.isinf(pair.distance):
+        found = "see the objects above the table in different places"
+    blamed = [n for n, fit in zip(names, tables, strict=True) if fit is None or not fit.ok]
     if blamed:
         remedy = f"First mend {' and '.join(blamed)}, then check again."
     else:
         guilty = _outlier(check.pairs, names)
         whose = f"the pose of {guilty}, which no other camera confirms," if guilty else "a pose"
         remedy = f"The table does not show this, so {whose} is off sideways. {_CALIBRATE}"
-    return Finding(name, pair.disagreement <= TOLERANCE, found, remedy)
-
-
-def _table_fits(tables: Mapping[str, TableFit | None], camera: str) -> bool:
-    fit = tables[camera]
-    return fit is not None and fit.deviation <= TOLERANCE
+    return Finding(name, pair.ok, found, remedy)
 
 
 def _outlier(pairs: Mapping[tuple[str, str], PairFit | None], names: Sequence[str]) -> str | None:
@@ -126,7 +128,7 @@ def _outlier(pairs: Mapping[tuple[str, str], PairFit | None], names: Sequence[st
 
     def agrees(camera: str) -> list[bool]:
         return [
-            pair.disagreement <= TOLERANCE
+            pair.ok
             for key, pair in pairs.items()
             if pair is not None and camera in key and set(key) != set(names)
         ]

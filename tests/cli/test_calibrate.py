@@ -1,6 +1,7 @@
 """`poil calibrate` on views that Drake renders of a board in the robot's hand."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,11 @@ from poil_drake.diagrams.scenario.load import DumpScenario, LoadScenario, defaul
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
 from poil_drake.diagrams.station.station import MakeStation
-from poil_drake.geometry.rigid_transform import rotation_angle
+from poil_drake.errors import DemonstrationError
+from poil_drake.geometry.rigid_transform import make_transform, rotation_angle
 from poil_drake.perception.calibration.view_folder import load_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 
 pytestmark = pytest.mark.render
@@ -81,7 +84,8 @@ def test_the_written_poses_are_within_1_mm_and_a_tenth_of_a_degree(
     for found, true in zip(camera_models(calibrated), truth, strict=True):
         assert np.linalg.norm(found.X_WC[:3, 3] - true.X_WC[:3, 3]) < 1e-3
         assert np.rad2deg(rotation_angle(found.X_WC[:3, :3].T @ true.X_WC[:3, :3])) < 0.1
-    assert "squares    38.0" in done.out if keep is None else "kept" in done.out
+    expected = "pose kept" if keep else r"38\.00 mm as stated, (37\.9|38\.0)\d \+- 0\.0\d mm by"
+    assert re.search(expected, done.out)
     with Image.open(tmp_path / "cameras.png") as picture:
         assert picture.width > 1000
         assert len(picture.convert("RGB").getcolors(1 << 24) or ()) > 1000
@@ -95,8 +99,10 @@ def test_cameras_that_are_not_chosen_keep_their_poses(
     done = command("calibrate", "cameras", str(cell), "--views", str(views[0]), "--cameras", "left")
 
     assert done.status == 0, done.err
-    calibration = "{poil: {calibration: out/cameras.yaml}}"
-    left, right = camera_models(LoadScenario(filename=cell, data=calibration))
+    # The poses are complete: a frame in the scenario does not change them.
+    text = """{cameras: {left: {X_PB: {base_frame: rack::stand, translation: [0, 0, 0]}}},
+      poil: {calibration: out/cameras.yaml}}"""
+    left, right = camera_models(LoadScenario(filename=cell, data=text))
     np.testing.assert_allclose(right.X_WC, before[1].X_WC, atol=1e-6)
     assert np.linalg.norm(left.X_WC[:3, 3] - views[1][0].X_WC[:3, 3]) < 1e-3
     assert np.linalg.norm(left.X_WC[:3, 3] - before[0].X_WC[:3, 3]) > 0.01
@@ -113,14 +119,19 @@ def test_a_recording_of_a_loose_board_gives_the_poses_between_cameras(
         for _ in range(2)  # The board rests for two frames.
     ]
     depth = np.ones((480, 640))
+    # The recording's poses do not count; these are those of links, which look along x.
+    X_WC = make_transform([[0, 0, 1], [0, 1, 0], [-1, 0, 0]], [0.5, 0, 1])
+    recorded = tuple(replace(model, X_WC=X_WC) for model in models)
     with DemonstrationWriter(tmp_path / "board.mcap", ["left", "right"], {}) as writer:
         for k, images in enumerate(instants):
             writer.write(
                 MultiViewFrame(
-                    models, tuple(RgbdImage(rgb, depth, 0.1 * k) for rgb in images.values())
+                    recorded, tuple(RgbdImage(rgb, depth, 0.1 * k) for rgb in images.values())
                 )
             )
 
+    with pytest.raises(DemonstrationError, match="is that of a link"):
+        load_demonstration(tmp_path / "board.mcap")
     done = command("calibrate", "cameras", "--views", "board.mcap", "--keep", "left")
 
     assert done.status == 0, done.err
@@ -132,6 +143,11 @@ def test_a_recording_of_a_loose_board_gives_the_poses_between_cameras(
         assert np.rad2deg(rotation_angle(camera.X_WC[:3, :3].T @ true.X_WC[:3, :3])) < 0.1
     on_hand = command("calibrate", "cameras", "--views", "board.mcap")
     assert "'board.mcap' holds no joint positions" in on_hand.error
+    other = "{cameras: {right: {center_x: 310.0}}}"
+    done = command(
+        "calibrate", "cameras", "--views", "board.mcap", "--keep", "left", "--scenario_text", other
+    )
+    assert "Camera 'right' in 'board.mcap' has fx, fy, cx, cy" in done.error
 
 
 def test_no_file_of_the_user_is_overwritten(
@@ -155,6 +171,13 @@ def test_no_file_of_the_user_is_overwritten(
     [
         (["--cameras", "left,top"], "has no camera 'top'. Choose from: left, right"),
         (["--keep", "top"], "has no camera 'top'"),
+        (["--keep", "left", "--cameras", "left"], "Only the camera 'left' takes part"),
+        (["--output", "cameras.png"], "Use the suffix .yaml"),
+        (["--hardware", "--views", "/dev/null"], "'/dev/null/.*' cannot be written"),
+        (
+            ["--scenario_text", "{cameras: {right: {focal: !FocalLength {x: 600.0}}}}"],
+            "focal length of 46.*px for camera 'right'.*has 600.0 px.*cameras.right.focal",
+        ),
         (["--squares", "9x6"], "No image in .* shows the board of 9 x 6 squares"),
         (["--squares", "seven"], "--squares is 'seven', not two numbers such as 7x5"),
         (["--square", "0.036"], "fit squares of 38.0 mm.*36.0 mm.*--square"),

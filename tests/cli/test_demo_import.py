@@ -47,6 +47,15 @@ def test_topics_and_labels_can_be_named(command: Command, bag: str) -> None:
     assert "/right/color/camera_info, for the depth of camera 'left', holds" in dut.error
 
 
+def test_label_images_without_names_are_mentioned(command: Command, bag: str) -> None:
+    label = ("--topic", "left/label=/right/aligned_depth_to_color/image_raw")
+
+    dut = command("demo", "import", bag, "-o", "demo.mcap", "--camera", "left=/left", *label)
+
+    assert dut.status == 0
+    assert "without --label, no object is known" in dut.out
+
+
 @pytest.mark.parametrize("output", ["bag", "bag/bag_0.mcap"])
 def test_the_bag_is_never_overwritten(command: Command, bag: str, output: str) -> None:
     dut = command("demo", "import", bag, "-o", output, *CAMERAS)
@@ -67,7 +76,6 @@ def test_a_part_without_images_is_refused(
     assert "--start and --end" in dut.error
 
 
-@pytest.mark.render
 def test_the_poses_can_be_those_of_a_scenario(command: Command, bag: str) -> None:
     scenario = str(default_scenario_file())
 

@@ -1,5 +1,6 @@
 """Views of a board, and checks of depth, through the real station from a stand-in's messages."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from poil_drake.perception.calibration.view_folder import load_views
 
 
 def test_a_view_holds_the_cameras_images_and_the_arms_posture(
-    scenario: Scenario, tmp_path: Path
+    scenario: Scenario, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     q = postures(1)
     models = render_views(board_scenario(write_board(tmp_path / "model")), tmp_path / "true", q)
@@ -27,29 +28,19 @@ def test_a_view_holds_the_cameras_images_and_the_arms_posture(
     arrays |= {f"{name}.label": depth.astype(np.int16) for name in truth.images}
     np.savez(tmp_path / "pictures.npz", **arrays)
     cell = hardware_scenario(scenario, time_scale=SLOWEST)
-    said: list[str] = []
 
     def take(*answers: bool) -> None:
         rest = iter(answers)
-        TakeViews(
-            cell,
-            tmp_path / "views",
-            BOARD,
-            cameras=["left", "right"],
-            on_hand=True,
-            ask=lambda prompt: next(rest),
-            say=said.append,
-        )
+        TakeViews(cell, tmp_path / "views", BOARD, ask=lambda prompt: next(rest))
 
     with stand_in(cell, tmp_path / "pictures.npz", tmp_path, position=q[0]) as robot:
         take(True, True, False)
         take(True, False)
     record = robot.finish()
 
-    corners = [line for line in said if line.startswith("  corners: left ")]
-    (note,) = [line for line in said if line not in corners]
-    assert len(corners) == 3
-    assert "has 2 views, to which new ones are added" in note
+    said = capsys.readouterr().out
+    assert said.count("  corners: left ") == 3
+    assert said.count("has 2 views, to which new ones are added") == 1
     views = load_views(tmp_path / "views", models, on_hand=True)
     assert [view.name for view in views] == ["00", "01", "02"]
     for view in views:
@@ -74,17 +65,18 @@ def test_the_real_cameras_depth_is_examined_without_commands(
 
 
 @pytest.mark.parametrize(
-    ("cameras", "on_hand", "missing"),
+    ("kept", "missing"),
     [
-        (["left", "right"], True, "the robot's status on PANDA_STATUS"),
+        (None, "the robot's status on PANDA_STATUS"),
         # A loose board needs no robot, and a camera that takes no part is not waited for.
-        (["right"], False, r"an image of the camera 'right'\. "),
+        ("left", r"an image of the camera 'left', an image of the camera 'right'\. "),
     ],
 )
 def test_what_sends_nothing_is_named(
-    scenario: Scenario, tmp_path: Path, cameras: list[str], on_hand: bool, missing: str
+    scenario: Scenario, tmp_path: Path, kept: str | None, missing: str
 ) -> None:
-    cell = hardware_scenario(scenario, ready_timeout=0.05)
+    third = replace(scenario, cameras={**scenario.cameras, "top": scenario.cameras["left"]})
+    cell = hardware_scenario(third, ready_timeout=0.05)
 
     with pytest.raises(StationError, match=f"still missing: {missing}"):
-        TakeViews(cell, tmp_path, BOARD, cameras=cameras, on_hand=on_hand, ask=lambda prompt: True)
+        TakeViews(cell, tmp_path, BOARD, cameras=["right"], kept=kept, ask=lambda prompt: True)

@@ -40,9 +40,10 @@ def test_good_cameras_are_shown_with_their_figures() -> None:
         ([("scale", 0.98)], "2.0 % too large. Multiply depth_scale .*cameras.left by 0.9800"),
         ([("scale", 10.01)], "10 times too small, so it is in another unit. Correct depth_scale"),
         ([("scale", 0.001)], "1000 times too large"),
+        ([("scale", 3.9)], "4 times too small, so it is in another unit"),
         ([("bias", -0.0141)], "depth is 14.1 mm too large at all distances"),
         ([("pose", -0.0126)], "12.6 mm too high over the table.*Run poil calibrate cameras"),
-        ([("pose", -1.2)], r"Its pose is far off. Check cameras.left.X_PB"),
+        ([("pose", -1.2)], r"Its pose \(cameras.left.X_PB\) or poil.table_height is far off"),
         (
             [("scale", 1.02), ("pose", 0.012)],
             "2.0 % too small.* Or: Its pose is off: it is 12.0 mm too low.*put objects in view",
@@ -64,6 +65,16 @@ def test_a_sideways_error_is_blamed_on_the_poses() -> None:
     assert not pair.ok
     assert "left's moves by [-12.1, 0.0, 0.0] mm and turns by 0.30 deg" in pair.found
     assert "a pose is off sideways. Run poil calibrate cameras." in pair.remedy
+
+
+def test_clouds_that_are_too_far_apart_to_compare_are_a_fault() -> None:
+    apart = PairFit(distance=np.inf, disagreement=np.inf, shift=np.full(3, np.nan), turn=np.nan)
+
+    *_, pair = camera_findings(check(pairs={("left", "right"): apart}))
+
+    assert not pair.ok
+    assert pair.found == "see the objects above the table in different places"
+    assert "a pose is off sideways" in pair.remedy
 
 
 def test_a_third_camera_tells_which_pose_is_off() -> None:

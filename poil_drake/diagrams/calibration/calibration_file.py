@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.perception.calibration.camera_poses import CalibrationResult
@@ -40,24 +40,21 @@ def WriteCalibration(
     for model in models:
         config = scenario.cameras[model.name]
         found = result.cameras.get(model.name)
-        comment, X_WC = "as before", model.X_WC
-        if found is not None and found.position_error > 0.0:
-            X_WC = found.X_WC
-            comment = (
-                f"standard error {1e3 * found.position_error:.2f} mm and "
-                f"{np.rad2deg(found.rotation_error):.3f} deg; reprojection {found.rms:.2f} px (RMS)"
-            )
+        comment, X_WC = "pose kept", model.X_WC
+        if found is not None:
+            comment, X_WC = f"{found.error_text}; RMS {found.rms:.2f} px", found.X_WC
         # Nothing but the camera's body moves: X_WC = X_WP X_PB X_BC.
         X_BC = config.X_BC.GetDeterministicValue()
         X_PB_before = config.X_PB.GetDeterministicValue()
         X_WP = RigidTransform(model.X_WC) @ X_BC.inverse() @ X_PB_before.inverse()
-        X_PB = X_WP.inverse() @ RigidTransform(_orthonormal(X_WC)) @ X_BC.inverse()
+        # Drake refuses rounding errors.
+        R_WC = RotationMatrix.ProjectToRotationMatrix(X_WC[:3, :3])
+        X_PB = X_WP.inverse() @ RigidTransform(R_WC, X_WC[:3, 3]) @ X_BC.inverse()
         degrees = np.rad2deg(RollPitchYaw(X_PB.rotation()).vector())
-        base = config.X_PB.base_frame
         lines += [
             f"  {model.name}:  # {comment}",
             "    X_PB:",
-            *([f"      base_frame: {base}"] if base else []),
+            f"      base_frame: {config.X_PB.base_frame or 'world'}",
             f"      translation: {_numbers(X_PB.translation(), 6)}",
             f"      rotation: !Rpy {{ deg: {_numbers(degrees, 5)} }}",
         ]
@@ -66,11 +63,17 @@ def WriteCalibration(
 
 
 def RequireCalibrationPath(path: Path) -> None:
-    """Checks that a calibration would not overwrite a file of another kind.
+    """Checks that a calibration would not overwrite a file of another kind, or its own picture.
 
     Raises:
-        OutputError: if the file exists and was not written by `WriteCalibration`.
+        OutputError: if the file is no YAML file, or exists but was not written by
+            `WriteCalibration`.
     """
+    if path.suffix not in (".yaml", ".yml"):
+        raise OutputError(
+            f"The output '{path}' cannot be a scenario's calibration.",
+            remedy="Use the suffix .yaml; a picture is written beside it.",
+        )
     if path.is_file():
         with path.open(encoding="utf-8", errors="replace") as file:
             if not file.readline().startswith(_FIRST_LINE):
@@ -78,14 +81,6 @@ def RequireCalibrationPath(path: Path) -> None:
                     f"The output '{path}' exists, and is not a calibration.",
                     remedy="Choose another output file.",
                 )
-
-
-def _orthonormal(X: np.ndarray) -> np.ndarray:
-    """Returns X (4, 4) without the rounding errors that Drake refuses."""
-    U, _, Vt = np.linalg.svd(X[:3, :3])
-    exact = X.copy()
-    exact[:3, :3] = U @ Vt
-    return exact
 
 
 def _numbers(values: np.ndarray, decimals: int) -> str:

@@ -15,27 +15,25 @@ from poil_drake.perception.calibration.board import CalibrationBoard
 from poil_drake.perception.calibration.camera_poses import CalibrationResult, calibrate_cameras
 from poil_drake.perception.calibration.first_guess import BoardView
 from poil_drake.perception.calibration.resting_views import resting_views
-from poil_drake.perception.calibration.view_folder import View, load_views, save_view
+from poil_drake.perception.calibration.view_folder import (
+    POSITIONS_FILE,
+    View,
+    load_views,
+    save_view,
+)
+from poil_drake.perception.capture.checks import check_same_view
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.reports.calibration_picture import calibration_picture
 from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.runtime.output_files import require_writable
 
 _STILL = 1e-3
 """Largest motion of a joint while a view is taken [rad]: 1 mm at the hand."""
 
 
-def ChooseCameras(scenario: Scenario, names: Sequence[str], kept: str | None) -> tuple[str, ...]:
-    """Returns the names of the cameras that take part in a calibration, in the scenario's order.
-
-    Args:
-        scenario: The scenario.
-        names: The cameras to calibrate; empty for all.
-        kept: The camera whose pose is kept, which takes part as well; None for none.
-
-    Raises:
-        ScenarioError: if the scenario has no such camera, or none at all.
-    """
+def _choose_cameras(scenario: Scenario, names: Sequence[str], kept: str | None) -> tuple[str, ...]:
+    """Returns the names of the cameras that take part, including the kept one."""
     wanted = {*(names or scenario.cameras), *([] if kept is None else [kept])}
     if not wanted:
         raise ScenarioError("The scenario has no cameras.", remedy="Define them under 'cameras'.")
@@ -43,6 +41,11 @@ def ChooseCameras(scenario: Scenario, names: Sequence[str], kept: str | None) ->
         raise ScenarioError(
             f"The scenario has no camera '{min(unknown)}'.",
             remedy=f"Choose from: {', '.join(scenario.cameras)}.",
+        )
+    if kept is not None and len(wanted) < 2:
+        raise ScenarioError(
+            f"Only the camera '{kept}' takes part, but a loose board gives poses between cameras.",
+            remedy="Choose another one as well, or fix the board to the hand.",
         )
     return tuple(name for name in scenario.cameras if name in wanted)
 
@@ -52,55 +55,57 @@ def TakeViews(
     folder: Path,
     board: CalibrationBoard,
     *,
-    cameras: Sequence[str],
-    on_hand: bool,
+    cameras: Sequence[str] = (),
+    kept: str | None = None,
     ask: Callable[[str], bool],
-    say: Callable[[str], None] = print,
 ) -> None:
     """Takes views of a board with a scenario's real cameras, and adds them to a folder.
 
     Nothing is sent to the robot. A view is saved at once, if at least one camera sees the board.
+    Prints a line for each view.
 
     Args:
         scenario: Describes the cameras and the robot's network.
         folder: The folder.
         board: The board.
-        cameras: Names of the cameras that take views.
-        on_hand: Whether the robot's hand holds the board, so that its joint positions are needed.
+        cameras: Names of the cameras that take views; empty for all.
+        kept: For a loose board, another one; None for a board on the hand, for which the robot's
+            joint positions are needed.
         ask: Waits until the user wants the next view; returns False to end. Called with a prompt.
-        say: Called with a line for each view.
 
     Raises:
-        PoilError: if a camera or the robot sends nothing.
+        PoilError: if a camera or the robot sends nothing, or the folder cannot be written.
     """
+    chosen = _choose_cameras(scenario, cameras, kept)
+    require_writable(folder / POSITIONS_FILE)
     names = {path.stem.partition("_")[0] for path in folder.glob("*_*.png")}
     if names:
-        say(
+        print(
             f"'{folder}' has {len(names)} views, to which new ones are added; remove them if the "
             "cameras, or the board on the hand, have moved since"
         )
     number = max((int(name) + 1 for name in names if name.isdecimal()), default=0)
     # No `with` block: that would wait until the robot can be commanded, but a person moves it.
-    station = MakeStation(_with_cameras(scenario, cameras), hardware=True, dry_run=True)
+    station = MakeStation(_with_cameras(scenario, chosen), hardware=True, dry_run=True)
     try:
         station.Start()
         context = station.CreateDefaultContext()
         while ask(f"view {number:02d}: Enter takes it, q ends"):
-            q = station.ArmPosition(context) if on_hand else None
+            q = station.ArmPosition(context) if kept is None else None
             taken = station.TakeImages(context)
             if q is not None and np.abs(station.ArmPosition(context) - q).max() > _STILL:
-                say("  not taken: the arm moves")
+                print("  not taken: the arm moves")
                 continue
             images = dict(zip(station.camera_names, (i.rgb for i in taken), strict=True))
             found = {name: board.detect(image) for name, image in images.items()}
             counts = {name: 0 if c is None else len(c[0]) for name, c in found.items()}
             seen = ", ".join(f"{name} {n} of {len(board.corners)}" for name, n in counts.items())
             if not any(counts.values()):
-                say("  not taken: no camera sees the board")
+                print("  not taken: no camera sees the board")
                 continue
             save_view(folder, View(f"{number:02d}", images, q))
             number += 1
-            say(f"  corners: {seen}")
+            print(f"  corners: {seen}")
     finally:
         station.Close()
 
@@ -138,7 +143,7 @@ def CalibrateCameras(
     Raises:
         PoilError: if the scenario or the views are unusable.
     """
-    names = ChooseCameras(scenario, cameras, kept)
+    names = _choose_cameras(scenario, cameras, kept)
     station = MakeStation(scenario, cameras=False)
     everything = MakeCameraModels(station.plant(), scenario.cameras)
     chosen = [model for model in everything if model.name in names]
@@ -151,10 +156,9 @@ def CalibrateCameras(
         and (corners := board.detect(view.images[model.name])) is not None
     ]
     if not found:
-        config = board.config
         raise CalibrationError(
-            f"No image in '{views}' shows the board of {config.columns} x {config.rows} squares "
-            f"with markers of the dictionary {config.dictionary}.",
+            f"No image in '{views}' shows the board of {board.columns} x {board.rows} squares "
+            f"with markers of the dictionary {board.dictionary}.",
             remedy="State the board that was used with --squares and --dictionary, or print the "
             "board of `poil calibrate board`; it must be well lit, sharp and not too small.",
         )
@@ -171,7 +175,7 @@ def CalibrateCameras(
 def _load(
     path: Path, cameras: Sequence[CameraModel], board: CalibrationBoard, *, on_hand: bool
 ) -> list[View]:
-    if path.suffix != ".mcap":
+    if path.is_dir() or path.suffix != ".mcap":
         return load_views(path, cameras, on_hand=on_hand)
     if on_hand:
         raise CalibrationError(
@@ -179,5 +183,8 @@ def _load(
             remedy="Take views with --hardware; or, if the board was loose, name the camera whose "
             "pose is right with --keep.",
         )
-    recording = load_demonstration(path, cameras=[camera.name for camera in cameras])
+    names = [camera.name for camera in cameras]
+    recording = load_demonstration(path, cameras=names, plausible=False)
+    for recorded, camera in zip(recording.cameras, cameras, strict=True):
+        check_same_view(recorded, camera, source=f"Camera '{camera.name}' in '{path}'")
     return resting_views(recording.frames, board)

@@ -1,15 +1,16 @@
 """The poses of a scenario's cameras, for recordings that lack them."""
 
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import numpy as np
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station import MakeStation
+from poil_drake.diagrams.station.cameras.cameras import MakeCameraModels
+from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.errors import ScenarioError
 
 
-def CameraPoses(scenario: Scenario, names: Iterable[str]) -> dict[str, np.ndarray]:
+def CameraPoses(scenario: Scenario, names: Collection[str]) -> dict[str, np.ndarray]:
     """Returns the (4, 4) pose of the optical frame of each named camera in the world [m].
 
     Raises:
@@ -21,5 +22,6 @@ def CameraPoses(scenario: Scenario, names: Iterable[str]) -> dict[str, np.ndarra
                 f"The scenario has no camera '{name}'; it has {', '.join(scenario.cameras)}.",
                 remedy=f"Define cameras.{name}, or give the recorded camera another name.",
             )
-    with MakeStation(scenario, ignore_output_delay=True) as station:
-        return {model.name: model.X_WC for model in station.camera_models}
+    plant, _, _ = MakeUnsimulatedPlant(scenario)
+    cameras = {name: scenario.cameras[name] for name in names}
+    return {model.name: model.X_WC for model in MakeCameraModels(plant, cameras)}

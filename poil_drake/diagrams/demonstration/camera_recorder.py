@@ -22,10 +22,14 @@ from poil_drake.diagrams.station.cameras.capture_sources import (
 )
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.errors import DemonstrationError, ScenarioError, StationError
-from poil_drake.perception.capture.capture_thread import AHEAD, CaptureThread, camera_problems
+from poil_drake.perception.capture.capture_thread import CaptureThread, camera_problems
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
-from poil_drake.recording.demonstration.live_recorder import LABEL_WAIT, LiveRecorder
+from poil_drake.recording.demonstration.live_recorder import (
+    LABEL_WAIT,
+    CameraRecord,
+    LiveRecorder,
+)
 from poil_drake.reports.contact_sheet import contact_sheet
 from poil_drake.reports.progress import StatusLine
 from poil_drake.runtime.held_signals import HeldSignals
@@ -56,13 +60,13 @@ def RecordFromCameras(
     countdown: int = 3,
     duration: float = math.inf,
     lossless: bool = False,
-    picture: str | Path | None = None,
 ) -> Demonstration:
     """Records what the scenario's real cameras deliver to a new file; no robot is needed.
 
     Waits until every camera delivers images. Space or Enter in the terminal, or the button on the
     page, then starts the recording after the countdown, and stops it. Without a terminal and a
     page, the recording starts by itself. Every image is written as it arrives, with its own stamp.
+    The recording's contact sheet is drawn beside it (`path` as .png).
 
     However the recording ends, the file holds what the cameras have delivered. A signal or another
     exception during the recording is raised again when the file is complete. A file that could not
@@ -75,7 +79,6 @@ def RecordFromCameras(
         countdown: Time from the key to the recording [s].
         duration: The recording stops by itself after this time [s, by the cameras' clock].
         lossless: Whether colour is not compressed as JPEG and depth is not rounded to millimetres.
-        picture: The recording's contact sheet (PNG); None for none.
 
     Returns:
         The recording.
@@ -83,13 +86,14 @@ def RecordFromCameras(
     Raises:
         ScenarioError: if the scenario has no cameras, or they cannot be used.
         StationError: naming the cameras that deliver nothing within `poil.hardware.ready_timeout`.
-        OutputError: if the file exists.
+        OutputError: if the file exists, or one of the two cannot be written.
         DemonstrationError: if the file could not be completed, nothing was recorded, or the
             recording is no demonstration, e.g. because a camera stopped before its end.
     """
     path = Path(path)
     require_new(path)
     require_writable(path)
+    require_writable(path.with_suffix(".png"), inputs=(path,))
     if not scenario.cameras:
         raise ScenarioError(
             "The scenario has no cameras, so nothing can be recorded.",
@@ -112,20 +116,20 @@ def RecordFromCameras(
         lossless=lossless,
     )
     with ExitStack() as stack:
-        threads = _start_threads(scenario, cameras, recorder, stack)
-        desk = _Desk(scenario, cameras, threads, recorder, path, stack, show, countdown)
+        threads = _start_threads(scenario, cameras, label_ids, recorder, stack)
+        desk = _Desk(scenario, cameras, threads, recorder, stack, show=show, countdown=countdown)
         desk.wait_for_cameras()
         if desk.can_press:
-            desk.run(_READY, until=partial(desk.pressed_since, desk.presses))
+            desk.run(_READY, until=desk.next_press())
         for seconds in range(countdown, 0, -1):
             desk.run(str(seconds), timeout=1.0)
         stopped: BaseException | None = None
         recorder.start()
         try:
-            before = desk.presses
+            pressed = desk.next_press()
             desk.run(
                 _RECORDING,
-                until=lambda: desk.pressed_since(before) or recorder.error is not None,
+                until=lambda: pressed() or recorder.error is not None,
                 timeout=duration / scenario.poil.hardware.time_scale,
             )
         except BaseException as error:  # KeyboardInterrupt, too; raised when the file is complete.
@@ -134,23 +138,28 @@ def RecordFromCameras(
             recorder.close()
             desk.show(_SAVED)
             stack.close()
-            recording = _finish(path, recorder, threads, picture, stopped)
-    if stopped is not None:
-        raise stopped
-    assert recording is not None
-    return recording
+            return _finish(recorder, threads, stopped)
 
 
 def _start_threads(
-    scenario: Scenario, cameras: Sequence[CameraModel], recorder: LiveRecorder, stack: ExitStack
+    scenario: Scenario,
+    cameras: Sequence[CameraModel],
+    label_ids: Mapping[str, tuple[int, ...]],
+    recorder: LiveRecorder,
+    stack: ExitStack,
 ) -> dict[str, CaptureThread]:
     """Starts a thread for each camera that gives the recorder every image; `stack` ends them."""
     config, threads = scenario.poil.hardware, {}
     for camera in cameras:
-        source = config.cameras.get(camera.name, LcmImages())
-        device = MakeCaptureDevice(source, scenario, camera, clock=config.clock(), every_image=True)
         threads[camera.name] = CaptureThread(
-            device,
+            MakeCaptureDevice(
+                config.cameras.get(camera.name, LcmImages()),
+                scenario,
+                camera,
+                clock=config.clock(),
+                label_ids=label_ids,
+                every_image=True,
+            ),
             name=camera.name,
             size=(camera.height, camera.width),
             on_image=partial(recorder.add, camera.name),
@@ -170,20 +179,15 @@ class _Desk:
         cameras: Sequence[CameraModel],
         threads: Mapping[str, CaptureThread],
         recorder: LiveRecorder,
-        path: Path,
         stack: ExitStack,
+        *,
         show: bool,
         countdown: int,
     ):
         """Opens page and terminal; `stack` closes them."""
-        self._threads, self._recorder, self._path = threads, recorder, path
-        hardware = scenario.poil.hardware
-        self._clock, self._time_scale = hardware.clock(), hardware.time_scale
-        self._ready_timeout = hardware.ready_timeout
-        self._labelled = [
-            name for name in threads if SendsLabels(hardware.cameras.get(name, LcmImages()))
-        ]
-        self._oldest = scenario.poil.safety.image_age_limit
+        self._threads, self._recorder = threads, recorder
+        self._hardware = scenario.poil.hardware
+        self._clock, self._oldest = self._hardware.clock(), scenario.poil.safety.image_age_limit
         self._silent: set[str] = set()
         self._shown, self._show_again = "", -math.inf
         self._switch = StopSwitch()
@@ -203,34 +207,41 @@ class _Desk:
         print("what also stops, and keeps the recording: Ctrl-C", flush=True)
         self._line = stack.enter_context(StatusLine())
 
-    @property
-    def presses(self) -> int:
-        """Number of presses of the keys and the button so far."""
-        clicks = 0 if self._meshcat is None else self._meshcat.GetButtonClicks(BUTTON)
-        return self._switch.requests + clicks
+    def next_press(self) -> Callable[[], bool]:
+        """Returns a function that returns whether a key or the button was pressed since now."""
 
-    def pressed_since(self, presses: int) -> bool:
-        """Returns whether a key or the button was pressed since there were `presses`."""
-        return self.presses > presses
+        def presses() -> int:
+            clicks = 0 if self._meshcat is None else self._meshcat.GetButtonClicks(BUTTON)
+            return self._switch.requests + clicks
+
+        before = presses()
+        return lambda: presses() > before
 
     def wait_for_cameras(self) -> None:
         """Waits until each camera has delivered an image; raises a StationError if one does not."""
-        self.run(_WAITING, until=lambda: not self._missing(), timeout=self._ready_timeout)
-        if not (missing := self._missing()):
-            # The first recorded image shall have labels, if there are any.
-            records = [self._recorder.records[name] for name in self._labelled]
-            self.run(
-                _WAITING,
-                until=lambda: all(record.labelled for record in records),
-                timeout=LABEL_WAIT / self._time_scale,
+
+        def missing() -> list[str]:
+            return [name for name, thread in self._threads.items() if thread.newest is None]
+
+        timeout, sources = self._hardware.ready_timeout, self._hardware.cameras
+        self.run(_WAITING, until=lambda: not missing(), timeout=timeout)
+        if names := missing():
+            problems = [f"'{name}' ({self._threads[name].problem or 'no image'})" for name in names]
+            raise StationError(
+                f"These cameras delivered nothing within {timeout:g} s: {', '.join(problems)}.",
+                remedy="Check that they are plugged in or their senders are running, and their "
+                "sources in poil.hardware.cameras.",
             )
-            return
-        problems = [f"'{name}' ({self._threads[name].problem or 'no image'})" for name in missing]
-        raise StationError(
-            f"These cameras delivered nothing within {self._ready_timeout:g} s: "
-            f"{', '.join(problems)}.",
-            remedy="Check that they are plugged in or their senders are running, and their "
-            "sources in poil.hardware.cameras.",
+        # The first recorded image shall have labels, if there are any.
+        labelling = [
+            record
+            for name, record in self._recorder.records.items()
+            if SendsLabels(sources.get(name, LcmImages()))
+        ]
+        self.run(
+            _WAITING,
+            until=lambda: all(record.labelled for record in labelling),
+            timeout=LABEL_WAIT / self._hardware.time_scale,
         )
 
     def run(
@@ -252,39 +263,29 @@ class _Desk:
         self._say_changes()
         parts = [state]
         if state == _RECORDING:
-            megabytes = self._path.stat().st_size / 1e6
-            free = shutil.disk_usage(self._path.parent).free / 1e9
-            seconds = elapsed * self._time_scale
+            path = self._recorder.path
+            megabytes = path.stat().st_size / 1e6
+            free = shutil.disk_usage(path.parent).free / 1e9
+            seconds = elapsed * self._hardware.time_scale
             parts = [f"{state}, {seconds:.1f} s", f"{megabytes:.0f} MB, {free:.0f} GB free"]
-        parts += [self._text(name) for name in self._threads]
+        for name, record in self._recorder.records.items():
+            parts.append(f"{name} {record.rate:.0f}/s, {_counts(record, self._threads[name])}")
         self._line(" | ".join(parts))
-
-    def _text(self, name: str) -> str:
-        record = self._recorder.records[name]
-        counts = _counts(self._recorder, self._threads[name], name)
-        return f"{name} {record.rate:.0f}/s, {counts}"
-
-    def _missing(self) -> list[str]:
-        return [name for name, thread in self._threads.items() if thread.newest is None]
 
     def _say_changes(self) -> None:
         """Says which cameras have stopped, and which have come back."""
-        now, silent = self._clock(), set()
-        problems = camera_problems(self._threads, now=now, oldest=self._oldest)
-        for name, thread in self._threads.items():
-            if thread.newest is None or -AHEAD <= now - thread.newest.stamp <= self._oldest:
-                continue
-            silent.add(name)
-            if name not in self._silent:
-                self._line.say(f"camera '{name}': {'; '.join(problems[name])}")
+        found = camera_problems(self._threads, now=self._clock(), oldest=self._oldest)
+        # A single unusable image is only counted.
+        silent = {name for name in found if set(found[name]) - {self._threads[name].problem}}
+        for name in sorted(silent - self._silent):
+            self._line.say(f"camera '{name}': {'; '.join(found[name])}")
         for name in sorted(self._silent - silent):
             self._line.say(f"camera '{name}': images arrive again")
         self._silent = silent
 
 
-def _counts(recorder: LiveRecorder, thread: CaptureThread, name: str) -> str:
+def _counts(record: CameraRecord, thread: CaptureThread) -> str:
     """Returns how many images of a camera are in the file, and what became of the others."""
-    record = recorder.records[name]
     counts = {
         "missing between the others": record.missing,
         "not written": record.lost,
@@ -296,25 +297,18 @@ def _counts(recorder: LiveRecorder, thread: CaptureThread, name: str) -> str:
 
 
 def _finish(
-    path: Path,
-    recorder: LiveRecorder,
-    threads: Mapping[str, CaptureThread],
-    picture: str | Path | None,
-    stopped: BaseException | None,
-) -> Demonstration | None:
+    recorder: LiveRecorder, threads: Mapping[str, CaptureThread], stopped: BaseException | None
+) -> Demonstration:
     """Loads what was recorded, prints a summary and draws the picture.
 
-    Returns:
-        The recording; None if there is none because it was `stopped` at once.
-
     Raises:
-        DemonstrationError: if there is nothing in the file, it could not be completed, or it is no
-            demonstration.
+        DemonstrationError: if the file could not be completed, or it is no demonstration.
+        BaseException: `stopped`, if it is not None.
     """
-    records = recorder.records
-    stamps = [stamp for record in records.values() for stamp in record.stamps]
-    for name, record in records.items():
-        print(f"{name:<10} {_counts(recorder, threads[name], name)}, {record.rate:.1f} per second")
+    path, stamps = recorder.path, []
+    for name, record in recorder.records.items():
+        print(f"{name:<10} {_counts(record, threads[name])}, {record.rate:.1f} per second")
+        stamps += record.stamps
     if not stamps:
         path.unlink(missing_ok=True)
     if recorder.error is not None:
@@ -326,16 +320,16 @@ def _finish(
             remedy="Make room on the disk, or choose a file on another disk, and record again.",
         ) from recorder.error
     if not stamps:
-        if stopped is not None:
-            return None
-        raise DemonstrationError(
+        raise stopped or DemonstrationError(
             f"No camera delivered an image during the recording, so {path} was not written.",
             remedy="Check the cameras, and record again.",
         )
     print(f"recording  {path}", flush=True)
     recording = load_demonstration(path)
-    if picture is not None:
-        contact_sheet(recording, picture)
-        print(f"picture    {picture}", flush=True)
+    picture = path.with_suffix(".png")
+    contact_sheet(recording, picture)
+    print(f"picture    {picture}", flush=True)
     print(f"recorded {len(recording.frames)} frames in {recording.duration:.1f} s", flush=True)
+    if stopped is not None:
+        raise stopped
     return recording

@@ -33,8 +33,12 @@ def CheckMotion(
     if not scene.has_collision_geometry:
         return
     if poil.demonstration_motion.keyframes:
-        remedy = "Change poil.demonstration_motion.keyframes."
+        remedy = later = "Change poil.demonstration_motion.keyframes."
     else:
+        later = (
+            "Use a smaller object (poil.demonstration_object) or a higher fixture, move what is in "
+            "the way, or set poil.demonstration_motion.keyframes."
+        )
         remedy = (
             "Set poil.table_height to the height of the surface on which objects stand, and "
             "poil.demonstration_motion.hanging.start to a free place on it."
@@ -58,7 +62,7 @@ def CheckMotion(
                 f"The demonstration's object is inside '{found.geometry}' "
                 f"{f'{time:.2f} s after its start' if time else 'at its start'}, with its frame at "
                 f"{_text(motion.pose(time))}.",
-                remedy=remedy,
+                remedy=later if time else remedy,
             )
 
 
@@ -74,16 +78,12 @@ def CheckView(frame: MultiViewFrame, poil: PoilConfig) -> None:
         sample_part_points(view.part, poil.num_points)
     except (DetectionError, TransferError) as error:
         ids = frame.label_ids[poil.object]
-        sizes = [
-            pixel_size(np.isin(image.label, ids), image.depth, camera.K)
-            for camera, image in zip(frame.cameras, frame.images, strict=True)
-            if image.label is not None
-        ]
-        seen = [
-            f"'{camera.name}' ({1000 * size:.1f} mm for each pixel)"
-            for camera, size in zip(frame.cameras, sizes, strict=True)
-            if np.isfinite(size)
-        ]
+        seen = []
+        for camera, image in zip(frame.cameras, frame.images, strict=True):
+            mask = np.isin([] if image.label is None else image.label, ids)
+            if mask.any():
+                size = pixel_size(mask, image.depth, camera.K)
+                seen.append(f"'{camera.name}' ({1000 * size:.1f} mm for each pixel)")
         raise ScenarioError(
             f"The cameras show too little of the part '{poil.part}' in the demonstration's first "
             f"frame. {error.problem} These cameras see the object: {', '.join(seen) or 'none'}.",

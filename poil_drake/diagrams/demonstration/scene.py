@@ -7,12 +7,17 @@ import numpy as np
 from pydrake.geometry import CalcObb, QueryObject, Role, SceneGraph
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import AddModel, ModelDirective, PackageMap, Parser
+from pydrake.multibody.parsing import AddModel, ModelDirective, Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import ApplyLcmBusConfig
 
+from poil_drake.diagrams.demonstration.directives import (
+    demonstrated_parts,
+    demonstration_directives,
+    is_held_by_larger_model,
+)
 from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
 from poil_drake.diagrams.scenario.model_checks import CheckModels
@@ -20,7 +25,6 @@ from poil_drake.diagrams.scenario.model_parts import (
     BaseBody,
     CollisionGeometries,
     GeometryChoices,
-    IsPartOf,
     ModelBodies,
     ModelGeometry,
     RequireFreeObject,
@@ -35,17 +39,13 @@ from poil_drake.diagrams.scenario.models import (
     SetInitialPositions,
 )
 from poil_drake.diagrams.scenario.penetrations import Penetration, Penetrations
-from poil_drake.diagrams.scenario.poil_config import PartRegion, PoilConfig
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.cameras.labels import AssignLabels
-from poil_drake.errors import ScenarioError
 from poil_drake.perception.images import CameraModel, MultiViewFrame, by_name
 from poil_drake.robots.panda import BASE_LINK
 
-_OWN_MUGS = "package://poil_drake/mugs/"
-_OWN_MUGS_PART = "handle"
 _STAND_IN = "demonstrated_object"
 
 _FAR_BELOW = 1e5  # [m]; distances from so far below are heights
@@ -84,7 +84,7 @@ class DemonstrationScene:
         AddModels(parser, directives)
         RequireModels(self._plant, {"object": poil.object, "fixture": poil.fixture})
         self.object_name, self.fixture_name = poil.object, poil.fixture
-        if _is_held_by_larger_model(directives, poil):
+        if is_held_by_larger_model(directives, poil):
             self.object_name = _STAND_IN
             _remove_geometry(self._plant, self._scene_graph, ModelBodies(self._plant, poil.object))
             stand_in = AddModel(name=_STAND_IN, file=poil.demonstration_object)
@@ -235,65 +235,6 @@ def _positions_in_run(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     return positions[0], positions[1] if len(positions) > 1 else np.zeros(3)
 
 
-def demonstrated_parts(poil: PoilConfig) -> dict[str, str | PartRegion]:
-    """Returns part name -> link, expression for geometries, or region, of the demonstrated object.
-
-    What `poil.demonstration_parts` does not list is the link "handle" for the package's mugs, and
-    as in `poil.parts` for other objects.
-    """
-    if poil.demonstration_object.startswith(_OWN_MUGS):
-        return {poil.part: _OWN_MUGS_PART, **poil.demonstration_parts}
-    return {poil.part: poil.part, **poil.parts, **poil.demonstration_parts}
-
-
-def demonstration_directives(
-    scenario: Scenario, packages: PackageMap
-) -> tuple[list[ModelDirective], set[str]]:
-    """Returns the scenario's directives without its robot and with the demonstration's object.
-
-    Everything welded to the robot, directly or through frames and other models, is removed with
-    it. Each `add_directives` is replaced by its file's contents. Collision filters are removed,
-    because a demonstration has no contact.
-
-    Args:
-        scenario: The scenario; it is not changed.
-        packages: The packages to which `package://` paths of `add_directives` may refer.
-
-    Returns:
-        The directives, and the names of the removed models.
-
-    Raises:
-        ScenarioError: A file of directives cannot be read, a weld names a link without its model,
-            or the object or fixture is welded to the robot.
-    """
-    poil = scenario.poil
-    directives = FlatDirectives(scenario.directives, packages)
-    _require_scoped_names(directives)
-    removed, frames = _attached(directives, poil.robot)
-    for role, name in (("object", poil.object), ("fixture", poil.fixture)):
-        if any(IsPartOf(name, model) for model in removed):
-            raise ScenarioError(
-                f"The {role} '{name}' is welded to the robot '{poil.robot}'.",
-                remedy="Remove this weld from the directives: a demonstration has no robot.",
-            )
-    kept = [d for d in directives if not _mentions(d, removed, frames)]
-    for model in (d.add_model for d in kept if d.add_model is not None):
-        if model.name == poil.object:
-            model.file = poil.demonstration_object
-            # The defaults name links and joints of the other object.
-            model.default_free_body_pose = {}
-            model.default_joint_positions = {}
-    return kept, removed
-
-
-def _is_held_by_larger_model(directives: Sequence[ModelDirective], poil: PoilConfig) -> bool:
-    """Returns whether the object is one body of a model, and another object is demonstrated."""
-    models = [d.add_model for d in directives if d.add_model is not None]
-    files = {model.file for model in models if IsPartOf(poil.object, model.name)}
-    known = any(model.name == poil.object for model in models)
-    return not known and poil.demonstration_object not in files
-
-
 def _remove_geometry(
     plant: MultibodyPlant, scene_graph: SceneGraph, bodies: Sequence[BodyIndex]
 ) -> None:
@@ -302,48 +243,3 @@ def _remove_geometry(
         for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body)):
             for role in (Role.kProximity, Role.kPerception, Role.kIllustration):
                 scene_graph.RemoveRole(plant.get_source_id(), geometry, role)
-
-
-def _require_scoped_names(directives: Sequence[ModelDirective]) -> None:
-    """Checks that each weld names its links as <model>::<link>."""
-    free = {"world", *(d.add_frame.name for d in directives if d.add_frame is not None)}
-    for weld in (d.add_weld for d in directives if d.add_weld is not None):
-        for name in (weld.parent, weld.child):
-            if "::" not in name and name not in free:
-                raise ScenarioError(
-                    f"A weld names '{name}' without its model, so it is unknown whether this "
-                    "link belongs to the robot.",
-                    remedy=f"Use <model>::{name} in the directives.",
-                )
-
-
-def _attached(directives: Sequence[ModelDirective], model: str) -> tuple[set[str], set[str]]:
-    """Returns the names of a model and of all models welded below it, and those of their frames."""
-    attached, frames = {model}, set[str]()
-    while True:
-        before = len(attached) + len(frames)
-        for directive in directives:
-            frame, weld = directive.add_frame, directive.add_weld
-            if frame is not None and _belongs(frame.X_PF.base_frame, attached, frames):
-                frames.add(frame.name)
-            elif weld is not None and _belongs(weld.parent, attached, frames):
-                attached.add(weld.child.rsplit("::", 1)[0])
-        if len(attached) + len(frames) == before:
-            return attached, frames
-
-
-def _mentions(directive: ModelDirective, models: set[str], frames: set[str]) -> bool:
-    """Returns whether a directive uses one of these models or frames, or filters collisions."""
-    model, frame, weld = directive.add_model, directive.add_frame, directive.add_weld
-    if model is not None:
-        return model.name in models
-    if frame is not None:
-        return _belongs(frame.name, models, frames)
-    if weld is not None:
-        return any(_belongs(name, models, frames) for name in (weld.parent, weld.child))
-    return directive.add_collision_filter_group is not None
-
-
-def _belongs(frame: str | None, models: set[str], frames: set[str]) -> bool:
-    """Returns whether a frame is in `frames`, or belongs to one of the models."""
-    return frame in frames or any((frame or "").startswith(f"{model}::") for model in models)

@@ -80,7 +80,10 @@ def ReadMesh(shape: Mesh | Convex, name: str) -> list[trimesh.Trimesh]:
             remedy=CONVERT_MESH,
         )
     try:
-        scene = trimesh.load(path, force="scene", process=False)
+        found = trimesh.load(path, force="scene", process=False).dump()
+        pieces = [piece for piece in found if isinstance(piece, trimesh.Trimesh)]
+        if not all(np.isfinite(piece.vertices).all() for piece in pieces):
+            raise ValueError("a vertex is not finite")
     except Exception as error:  # Its readers raise errors of many types.
         raise ScenarioError(
             f"The mesh {path} of '{name}' cannot be read ({error}).",
@@ -89,7 +92,6 @@ def ReadMesh(shape: Mesh | Convex, name: str) -> list[trimesh.Trimesh]:
     X_GM = np.diag([*shape.scale3(), 1.0])
     if suffix == ".gltf":  # Its y axis points up; Drake turns it so that the z axis does.
         X_GM = X_GM @ trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
-    pieces = [piece for piece in scene.dump() if isinstance(piece, trimesh.Trimesh)]
     for piece in pieces:
         if _lacks_normals(path):
             piece.unmerge_vertices()  # Each triangle has its own corners, with its own normal.

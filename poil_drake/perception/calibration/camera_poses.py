@@ -9,30 +9,21 @@ and X_GB is not ("eye to hand"). If the board is loose, every X_WBv is unknown, 
 camera is kept. All unknown poses minimize the squared reprojection errors of all cameras together.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.stats import t as student_t
 
 from poil_drake.errors import CalibrationError
-from poil_drake.geometry.rigid_transform import (
-    inverse,
-    make_transform,
-    rotation_exp,
-    rotation_log,
-    transform_points,
-)
+from poil_drake.geometry.rigid_transform import rotation_log
 from poil_drake.perception.calibration.board import CalibrationBoard
-from poil_drake.perception.calibration.first_guess import BoardView, Poses, first_guess
+from poil_drake.perception.calibration.first_guess import BoardView, first_guess
+from poil_drake.perception.calibration.reprojection import Reprojection, jackknife, minimize
 from poil_drake.perception.images import CameraModel
 
-_FEWEST_VIEWS = 6
-"""Views in which a camera must see a board on the hand; fewer leave no redundancy."""
-
-_FEWEST_LOOSE_VIEWS = 3
-"""Views in which a camera must see a loose board together with another camera."""
+_FEWEST_VIEWS = 6  # of a board on the hand, for each camera; fewer leave no redundancy
+_FEWEST_LOOSE_VIEWS = 3  # of a loose board, for each camera together with another one
 
 _LEAST_TURN = np.deg2rad(10.0)
 """RMS angle by which the hand must turn about a second axis. A hand that turns about one axis only
@@ -42,17 +33,22 @@ _OUTLIER_FACTOR, _LEAST_OUTLIER = 4.0, 1.0
 """An image is left out if its RMS error exceeds this multiple of the median and this error [px];
 one corner, if its error exceeds this multiple of its image's median."""
 
-_LARGEST_LEFT_OUT = 0.25
-"""Largest fraction of views that may be left out."""
+_LARGEST_LEFT_OUT = 0.25  # of the images
+_LARGEST_RMS = 3.0  # reprojection error of half of the images [px]; good cameras reach 0.1 to 1
 
-_MOST_STEPS = 50
-"""Largest number of steps of a minimization; good views need 5 to 15, others end as a misfit."""
+_WRONG_LENGTH, _DISTORTED, _CHANCE = 0.01, 0.05, 1e-4
+"""A stated length is wrong if the one that fits the views differs by this fraction, and an image is
+distorted if |k1| exceeds this, unless by chance with this probability. Such a focal length moves a
+camera by 7 mm at 0.7 m, such a distortion by 1 mm, yet both reproject well."""
 
-_LARGEST_RESCALING = 0.01
-"""Largest accepted relative error of the board's size."""
 
-_LARGEST_RMS = 3.0
-"""Largest accepted RMS reprojection error [px]; good cameras and arms reach 0.1 to 1."""
+@dataclass(frozen=True)
+class FittingLength:
+    """A length as stated and as it fits the views best, with its standard error."""
+
+    stated: float
+    found: float
+    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,12 +61,24 @@ class CameraCalibration:
         position_error: Estimated standard error of the position [m], root of the summed variances;
             0 if the pose was kept.
         rotation_error: Estimated standard error of the rotation [rad]; likewise.
+        focal_length: The focal length [px]. X_WC is for the stated one.
     """
 
     X_WC: np.ndarray
     rms: float
     position_error: float
     rotation_error: float
+    focal_length: FittingLength
+
+    @property
+    def error_text(self) -> str:
+        """How well the pose is known, in words."""
+        if self.position_error == 0.0:
+            return "pose kept"
+        return (
+            f"standard error {1e3 * self.position_error:.2f} mm, "
+            f"{np.rad2deg(self.rotation_error):.3f} deg"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +87,15 @@ class CalibrationResult:
 
     Attributes:
         cameras: Name -> result.
-        boards: View -> (4, 4) pose X_WB of the board [m], for each view that was used.
+        boards: View -> (4, 4) pose X_WB of the board [m].
         left_out: Images that do not fit the others.
-        square: Edge of the squares that fits the hand's motions best [m], NaN for a loose board.
+        square: The edge of the squares [m]; None for a loose board.
     """
 
     cameras: Mapping[str, CameraCalibration]
     boards: Mapping[int, np.ndarray]
     left_out: tuple[BoardView, ...]
-    square: float = np.nan
+    square: FittingLength | None = None
 
 
 def calibrate_cameras(
@@ -113,69 +121,90 @@ def calibrate_cameras(
         kept: For a loose board, the camera whose pose is known.
 
     Raises:
-        CalibrationError: if there are too few views, if the hand turns too little, or if the views
-            do not fit one board.
+        CalibrationError: if there are too few views, if the hand turns too little, if the views do
+            not fit one board, or if they show that the squares' edge or a focal length is wrong, or
+            that a lens distorts.
     """
-    _check_views(cameras, views, hand_poses, kept)
-    known = {} if kept is None else {c.name: c.X_WC for c in cameras if c.name == kept}
-    free = [camera.name for camera in cameras if camera.name not in known]
+    _check_views(cameras, views, hand_poses)
+    known = {camera.name: camera.X_WC for camera in cameras if camera.name == kept}
     start = first_guess(cameras, views, board, hand_poses, known)
-    problem = _Reprojection(cameras, views, board, hand_poses, start, free)
+    problem = Reprojection(cameras, views, board, hand_poses, start, known)
     # An image that does not fit, e.g. one of a moving arm, must not spoil the others.
-    x = _minimize(problem.errors, problem.zero, "soft_l1").x
-    square = np.nan if hand_poses is None else _fitting_square(problem, x, board.config.square)
+    x = minimize(problem, problem.start_corrected, "soft_l1").x
     errors = problem.image_rms(x)
-    fits = errors <= max(_OUTLIER_FACTOR * float(np.median(errors)), _LEAST_OUTLIER)
+    median = float(np.median(errors))
+    fits = errors <= max(_OUTLIER_FACTOR * median, _LEAST_OUTLIER)
     left_out = tuple(view for view, ok in zip(views, fits, strict=True) if not ok)
-    if np.median(errors) > _LARGEST_RMS or len(left_out) > _LARGEST_LEFT_OUT * len(views):
-        raise _misfit(float(np.median(errors)), len(left_out), len(views), hand_poses is not None)
-    good = [view for view, ok in zip(problem.without_outliers(views, x), fits, strict=True) if ok]
-    _check_views(cameras, good, hand_poses, kept)
+    if median > _LARGEST_RMS or len(left_out) > _LARGEST_LEFT_OUT * len(views):
+        raise _misfit(median, len(left_out), len(views), hand_poses is not None)
+    clean = problem.without_outliers(views, x, _OUTLIER_FACTOR)
+    good = [view for view, ok in zip(clean, fits, strict=True) if ok]
+    _check_views(cameras, good, hand_poses)
 
-    problem = _Reprojection(cameras, good, board, hand_poses, problem.poses(x), free)
-    solution = _minimize(problem.errors, problem.zero, "linear")
-    spread = _jackknife(solution.jac, solution.fun, problem.view_of_row).reshape(-1, 6)
-    variances = {name: spread[k] for k, name in enumerate(free)}
+    problem = Reprojection(cameras, good, board, hand_poses, problem.poses(x), known)
+    focal_lengths, square = _fitting_lengths(problem)
+    solution = minimize(problem, problem.start)
+    variances, free = np.zeros((len(cameras), 6)), problem.free
+    spread = jackknife(solution, problem.view_of_row)
+    variances[free] = spread[: 6 * len(free)].reshape(-1, 6)
     found, boards, _ = problem.poses(solution.x)
     rms = problem.image_rms(solution.x)
 
-    def calibration(name: str) -> CameraCalibration:
+    results = {}
+    for name, variance in zip(problem.names, variances, strict=True):
         own = [error for error, view in zip(rms, good, strict=True) if view.camera == name]
-        variance = variances.get(name, np.zeros(6))
-        return CameraCalibration(
+        results[name] = CameraCalibration(
             X_WC=found[name],
             rms=float(np.sqrt(np.mean(np.square(own)))),
             position_error=float(np.sqrt(variance[3:].sum())),
             rotation_error=float(np.sqrt(variance[:3].sum())),
+            focal_length=focal_lengths[name],
         )
-
-    results = {camera.name: calibration(camera.name) for camera in cameras}
     return CalibrationResult(results, boards, left_out, square)
 
 
-def _minimize(errors: Callable[[np.ndarray], np.ndarray], start: np.ndarray, loss: str) -> Any:
-    """Minimizes the sum of squared errors, or of another loss; see `least_squares`."""
-    return least_squares(errors, start, loss=loss, x_scale="jac", max_nfev=_MOST_STEPS)
-
-
-def _fitting_square(problem: "_Reprojection", x: np.ndarray, square: float) -> float:
-    """Returns the edge of the squares [m] with which the board fits the hand's motions best.
+def _fitting_lengths(
+    problem: Reprojection,
+) -> tuple[dict[str, FittingLength], FittingLength | None]:
+    """Returns each camera's focal length [px], and the squares' edge [m] for a board on the hand.
 
     Raises:
-        CalibrationError: if it is far from the stated edge, and fits much better.
+        CalibrationError: if a stated length is wrong, or a lens distorts.
     """
-    scaled = _minimize(lambda y: problem.errors(y[:-1], y[-1]), np.append(x, 1.0), "soft_l1").x
-    scale = float(scaled[-1])
-    before = np.median(problem.image_rms(x))
-    after = np.median(problem.image_rms(scaled[:-1], scale=scale))
-    if abs(scale - 1.0) > _LARGEST_RESCALING and after < 0.5 * before:
+    solution = minimize(problem, problem.start_corrected)
+    first, count = len(problem.start), len(problem.names)
+    distortion, scales = np.split(solution.x[first:], [count])
+    all_errors = np.sqrt(jackknife(solution, problem.view_of_row)[first:])
+    limits = student_t.isf(_CHANCE, len(np.unique(problem.view_of_row)) - 1) * all_errors
+    errors = all_errors[count:]
+    wrong = np.abs(scales - 1.0) > np.maximum(limits[count:], _WRONG_LENGTH)
+    for name, k1, limit in zip(problem.names, distortion, limits, strict=False):
+        if abs(k1) > max(limit, _DISTORTED):
+            raise CalibrationError(
+                f"The images of camera '{name}' have a lens distortion of k1 = {k1:.2f}.",
+                remedy="Rectify them where they are captured, and state their focal length then.",
+            )
+    lengths = [
+        FittingLength(stated, float(stated * scale), float(stated * error))
+        for stated, scale, error in zip(problem.lengths, scales, errors, strict=True)
+    ]
+    focal_lengths = dict(zip(problem.names, lengths, strict=False))
+    square = lengths[-1] if len(lengths) > len(focal_lengths) else None
+    if square is not None and wrong[-1]:
         raise CalibrationError(
-            f"The hand's motions fit squares of {1e3 * scale * square:.1f} mm, but the board is "
-            f"said to have squares of {1e3 * square:.1f} mm.",
-            remedy="Measure a row of squares on the print, and give the edge with --square [m]. "
-            "If it is right, check the cameras' focal lengths in the scenario.",
+            f"The hand's motions fit squares of {1e3 * square.found:.1f} mm, but the board is said "
+            f"to have squares of {1e3 * square.stated:.1f} mm.",
+            remedy="Measure a row of squares on the print, and give the edge with --square [m].",
         )
-    return scale * square
+    for (name, length), is_wrong in zip(focal_lengths.items(), wrong, strict=False):
+        if is_wrong:
+            raise CalibrationError(
+                f"The views fit a focal length of {length.found:.1f} px for camera '{name}', but "
+                f"the scenario has {length.stated:.1f} px.",
+                remedy=f"Set cameras.{name}.focal to that of the images, which must be without "
+                "lens distortion.",
+            )
+    return focal_lengths, square
 
 
 def _misfit(error: float, left_out: int, count: int, on_hand: bool) -> CalibrationError:
@@ -194,27 +223,13 @@ def _misfit(error: float, left_out: int, count: int, on_hand: bool) -> Calibrati
 
 
 def _check_views(
-    cameras: Sequence[CameraModel],
-    views: Sequence[BoardView],
-    hand_poses: np.ndarray | None,
-    kept: str | None,
+    cameras: Sequence[CameraModel], views: Sequence[BoardView], hand_poses: np.ndarray | None
 ) -> None:
     """Checks that the views suffice."""
     seen = {camera.name: {v.view for v in views if v.camera == camera.name} for camera in cameras}
     fewest = _FEWEST_VIEWS
     if hand_poses is None:
         fewest = _FEWEST_LOOSE_VIEWS
-        if kept not in seen:
-            raise CalibrationError(
-                f"The camera to keep, '{kept}', is not among the cameras.",
-                remedy=f"Choose one of: {', '.join(seen)}.",
-            )
-        if len(seen) < 2:
-            raise CalibrationError(
-                f"The scenario has only the camera '{kept}', and a loose board gives poses "
-                "between cameras.",
-                remedy="Fix the board to the hand instead.",
-            )
         # Only views that two cameras share tell their relative pose.
         shared = {v for v in set().union(*seen.values()) if sum(v in s for s in seen.values()) > 1}
         seen = {name: found & shared for name, found in seen.items()}
@@ -241,105 +256,3 @@ def _check_views(
                 remedy="Take views with the board tilted to several sides, by 20 to 40 degrees, "
                 "and turned in its plane.",
             )
-
-
-class _Reprojection:
-    """Reprojection errors as a function of small changes of all unknown poses.
-
-    The unknowns are six numbers for each pose X: a turn w and a shift t, so that the pose is
-    (exp(w) R, p + t) for X = (R, p). First come the cameras, then X_GB or the boards of the views.
-    """
-
-    def __init__(
-        self,
-        cameras: Sequence[CameraModel],
-        views: Sequence[BoardView],
-        board: CalibrationBoard,
-        hand_poses: np.ndarray | None,
-        start: Poses,
-        free: Sequence[str],
-    ):
-        found, boards, self._X_GB = start
-        self._free, self._hand_poses = list(free), hand_poses
-        self._names = [camera.name for camera in cameras]
-        self._numbers = sorted({view.view for view in views})
-        self._cameras = np.stack([found[name] for name in self._names])
-        self._boards = np.stack([boards[number] for number in self._numbers])
-        K = np.stack([camera.K for camera in cameras])
-        lengths = [len(view.corners) for view in views]
-        self._camera = np.repeat([self._names.index(view.camera) for view in views], lengths)
-        self._view = np.repeat([self._numbers.index(view.view) for view in views], lengths)
-        self._image = np.repeat(np.arange(len(views)), lengths)
-        self._corners = np.concatenate([board.corners[view.corners] for view in views])
-        self._pixels = np.concatenate([view.pixels for view in views])
-        self._K = K[self._camera]
-        unknown = len(self._free) + (1 if hand_poses is not None else len(self._numbers))
-        self.zero = np.zeros(6 * unknown)
-        self.view_of_row = np.repeat(self._view, 2)
-
-    def poses(self, x: np.ndarray) -> Poses:
-        """Returns all poses for the changes x."""
-        cameras, boards, X_GB = self._moved(x)
-        return (
-            dict(zip(self._names, cameras, strict=True)),
-            dict(zip(self._numbers, boards, strict=True)),
-            X_GB,
-        )
-
-    def errors(self, x: np.ndarray, scale: float = 1.0) -> np.ndarray:
-        """Returns the reprojection errors (2M,) [px] for the changes x and a scaled board."""
-        cameras, boards, _ = self._moved(x)
-        X_CB = inverse(cameras)[self._camera] @ boards[self._view]
-        p = transform_points(X_CB, scale * self._corners[:, None])[:, 0]
-        homogeneous = np.einsum("mij,mj->mi", self._K, p)
-        # A corner behind a camera gives a large error instead of a mirrored pixel.
-        depth = np.maximum(homogeneous[:, 2:], 1e-3)
-        return (homogeneous[:, :2] / depth - self._pixels).ravel()
-
-    def without_outliers(self, views: Sequence[BoardView], x: np.ndarray) -> list[BoardView]:
-        """Returns the problem's views without misplaced corners."""
-        sizes = np.linalg.norm(self.errors(x).reshape(-1, 2), axis=1)
-        kept = []
-        for image, view in enumerate(views):
-            own = sizes[self._image == image]
-            fits = own <= _OUTLIER_FACTOR * np.median(own)
-            kept.append(replace(view, corners=view.corners[fits], pixels=view.pixels[fits]))
-        return kept
-
-    def image_rms(self, x: np.ndarray, scale: float = 1.0) -> np.ndarray:
-        """Returns the RMS reprojection error [px] of each image's corners."""
-        squares = (self.errors(x, scale).reshape(-1, 2) ** 2).sum(axis=1)
-        return np.sqrt(np.bincount(self._image, squares) / np.bincount(self._image))
-
-    def _moved(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        steps = x.reshape(-1, 6)
-        cameras = self._cameras.copy()
-        which = [self._names.index(name) for name in self._free]
-        cameras[which] = _stepped(cameras[which], steps[: len(which)])
-        rest = steps[len(which) :]
-        if self._hand_poses is None:
-            return cameras, _stepped(self._boards, rest), self._X_GB
-        X_GB = _stepped(self._X_GB, rest[0])
-        return cameras, self._hand_poses[self._numbers] @ X_GB, X_GB
-
-
-def _stepped(X: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """Returns poses (..., 4, 4) after turns and shifts (..., 6) in the poses' base frame."""
-    return make_transform(
-        rotation_exp(steps[..., :3]) @ X[..., :3, :3], X[..., :3, 3] + steps[..., 3:]
-    )
-
-
-def _jackknife(jacobian: np.ndarray, errors: np.ndarray, view_of_row: np.ndarray) -> np.ndarray:
-    """Returns the variances (P,) of least-squares estimates, by leaving out one view at a time.
-
-    The estimate without a view is one Gauss-Newton step away from the estimate with all views.
-    """
-    views = np.unique(view_of_row)
-    steps = np.stack(
-        [
-            np.linalg.lstsq(jacobian[view_of_row != v], errors[view_of_row != v], rcond=None)[0]
-            for v in views
-        ]
-    )
-    return (len(views) - 1) / len(views) * ((steps - steps.mean(axis=0)) ** 2).sum(axis=0)

@@ -25,6 +25,7 @@ from poil_drake.perception.calibration.view_cloud import (
     ViewCloud,
     correspondences,
     find_table,
+    looks_through,
 )
 from poil_drake.perception.images import MultiViewFrame
 
@@ -32,6 +33,8 @@ TOLERANCE = 0.003
 """Largest accepted distance of a camera's table from the true one, and disagreement of two clouds
 [m]. Every grasp inherits an error here; noise alone makes up to 2 mm on small objects."""
 
+_UNITS = (1e3, 100.0, 10.0, 4.0)  # Ratios of the units of depth that cameras send.
+_UNIT_ERROR = 0.05  # A scale this close to such a ratio is a wrong unit (relative).
 _FEWEST_PAIRS = 300  # Fewer corresponding points tell nothing.
 _FAR = 0.01  # Larger distances of corresponding points count as this much [m].
 _SIMILAR = 0.0004  # Explanations whose errors differ by less than this cannot be told apart [m].
@@ -53,10 +56,15 @@ class TableFit:
     tilt: float
     rms: float
 
+    @property
+    def ok(self) -> bool:
+        """Whether the table is where it should be."""
+        return self.deviation <= TOLERANCE
+
 
 @dataclass(frozen=True, eq=False)
 class PairFit:
-    """How the clouds of two cameras fit.
+    """How the clouds of two cameras fit; infinite and NaN if they are too far apart to tell.
 
     Attributes:
         distance: Median distance of corresponding points along the normals, above the table [m].
@@ -70,6 +78,11 @@ class PairFit:
     disagreement: float
     shift: np.ndarray
     turn: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether the clouds agree."""
+        return self.disagreement <= TOLERANCE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +118,12 @@ class DepthCheck:
     table_height: float | None
 
 
+def wrong_unit(scale: float) -> float | None:
+    """Returns the ratio of two units of depth that a scale is close to, or None."""
+    ratios = [*_UNITS, *(1.0 / ratio for ratio in _UNITS)]
+    return next((r for r in ratios if abs(scale / r - 1.0) < _UNIT_ERROR), None)
+
+
 def check_depth(frame: MultiViewFrame, table_height: float) -> DepthCheck:
     """Compares the depth of each camera with the table, and the cameras with each other.
 
@@ -117,40 +136,44 @@ def check_depth(frame: MultiViewFrame, table_height: float) -> DepthCheck:
         for camera, image in zip(frame.cameras, frame.images, strict=True)
     ]
     planes = [find_table(cloud, table_height) for cloud in clouds]
-    tables = {
-        cloud.name: None if plane is None else _table_fit(cloud, plane, table_height)
-        for cloud, plane in zip(clouds, planes, strict=True)
-    }
+    tables = _table_fits(clouds, planes, table_height)
     pairs = {
         (first.name, second.name): _fit_pair(first, second, table_height)
         for first, second in combinations(clouds, 2)
     }
-    fits = [fit for fit in tables.values() if fit is not None]
-    off = [fit for fit in fits if fit.deviation > TOLERANCE]
-    offsets = [fit.offset for fit in fits]
-    apart = [fit.disagreement for fit in pairs.values() if fit is not None]
-    agree = len(clouds) > 1 and max(apart, default=0.0) <= TOLERANCE
-    if agree and len(off) == len(clouds) and np.ptp(offsets) <= TOLERANCE / 2:
-        return DepthCheck(tables, pairs, {}, table_height + float(np.mean(offsets)))
+    off = [fit for fit in tables.values() if fit is not None and not fit.ok]
+    if len(off) == len(clouds) > 1 and all(fit.ok for fit in pairs.values() if fit is not None):
+        height = table_height + float(np.mean([fit.offset for fit in off]))
+        if all(fit is not None and fit.ok for fit in _table_fits(clouds, planes, height).values()):
+            return DepthCheck(tables, pairs, {}, height)
     return DepthCheck(tables, pairs, _find_causes(clouds, planes, tables, table_height), None)
 
 
-def _table_fit(cloud: ViewCloud, plane: Plane, table_height: float) -> TableFit:
-    points = cloud.points[plane.on]
-    offsets = plane.height(points) - table_height
-    return TableFit(
-        offset=float(offsets.mean()),
-        deviation=float(np.percentile(np.abs(offsets), 95.0)),
-        tilt=float(np.arccos(min(plane.normal[2], 1.0))),
-        rms=float(np.sqrt(np.mean((points @ plane.normal - plane.d) ** 2))),
-    )
+def _table_fits(
+    clouds: Sequence[ViewCloud], planes: Sequence[Plane | None], table_height: float
+) -> dict[str, TableFit | None]:
+    fits: dict[str, TableFit | None] = {}
+    for cloud, plane in zip(clouds, planes, strict=True):
+        fits[cloud.name] = None
+        if plane is not None:
+            points = cloud.points[plane.on]
+            offsets = plane.height(points) - table_height
+            fits[cloud.name] = TableFit(
+                offset=float(offsets.mean()),
+                deviation=float(np.percentile(np.abs(offsets), 95.0)),
+                tilt=float(np.arccos(min(plane.normal[2], 1.0))),
+                rms=float(np.sqrt(np.mean((points @ plane.normal - plane.d) ** 2))),
+            )
+    return fits
 
 
 def _fit_pair(first: ViewCloud, second: ViewCloud, table_height: float) -> PairFit | None:
     """Aligns the first cloud with the second by ICP with distances along the normals."""
     p, q, normals = correspondences(first, second, table_height)
     if len(p) < _FEWEST_PAIRS:
-        return None
+        apart = looks_through(first, second, table_height)
+        apart |= looks_through(second, first, table_height)
+        return PairFit(np.inf, np.inf, np.full(3, np.nan), np.nan) if apart else None
     distance = float(np.median(np.abs(np.vecdot(normals, p - q))))
     start, moved, motion = p, first, np.eye(4)
     for _ in range(15):
@@ -187,7 +210,7 @@ def _find_causes(
     choices: list[list[tuple[Cause | None, ViewCloud, float]]] = []
     for cloud, plane in zip(clouds, planes, strict=True):
         fit = tables[cloud.name]
-        if plane is None or fit is None or fit.deviation <= TOLERANCE:
+        if plane is None or fit is None or fit.ok:
             choices.append([(None, cloud, 0.0)])
         else:
             choices.append(_explanations(cloud, plane, table_height))
@@ -244,8 +267,8 @@ def _explanations(
     ]
     if scale <= 0.0:  # The camera is below the table, or looks up.
         changed = changed[2:]
-    elif abs(rise) > BAND:  # So large an error is one of units.
-        changed = changed[:1]
+    elif abs(rise) > BAND:  # So large an error is not one of a few percent.
+        changed = changed[:1] if wrong_unit(scale) is not None else changed[2:]
     result: list[tuple[Cause | None, ViewCloud, float]] = []
     for cause, X_WC, points in changed:
         new = replace(cloud, X_WC=X_WC, camera_points=points)

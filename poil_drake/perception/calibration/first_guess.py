@@ -92,11 +92,6 @@ def _board_in_camera(
     count, rotations, translations, errors = cv2.solvePnPGeneric(
         board.corners[view.corners], view.pixels, K, None, flags=cv2.SOLVEPNP_IPPE
     )
-    if count == 0:
-        raise CalibrationError(
-            f"The board's pose in the image {view.name} cannot be computed.",
-            remedy="Remove this image.",
-        )
     X = make_transform(cv2.Rodrigues(rotations[0])[0], translations[0].ravel())
     clear = count == 1 or float(errors[1].item()) > _AMBIGUITY * float(errors[0].item())
     return X, clear

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import cKDTree
 
-from poil_drake.geometry.depth_image import depth_edges, depth_normals, unproject
+from poil_drake.geometry.depth_image import depth_edges, depth_normals, project, unproject
 from poil_drake.geometry.rigid_transform import cross, transform_points
 from poil_drake.perception.images import CameraModel, RgbdImage
 
@@ -22,6 +22,7 @@ _PLANE_NOISE = 0.006  # Distance of a point from its plane, as a fraction of its
 _FEWEST_SHARE = 0.03  # A table covers at least this fraction of a view.
 _FEWEST = 300  # Fewest points of a table.
 _OBJECT_HEIGHT = 0.015  # Points higher above the table belong to objects [m].
+_SEEN_THROUGH = 0.3  # Largest share of an object's points that another camera may look through.
 _LEAST_AGREEMENT = 0.8  # Least cosine between the normals of corresponding points.
 
 
@@ -31,13 +32,17 @@ class ViewCloud:
 
     Attributes:
         name: The camera.
-        X_WC: (4, 4) pose of the camera.
+        K: (3, 3) its intrinsic matrix [px].
+        X_WC: (4, 4) its pose.
+        depth: (H, W) its depth image [m].
         camera_points: (P, 3) points [m, camera].
         camera_normals: (P, 3) unit normals, in the camera's frame.
     """
 
     name: str
+    K: np.ndarray
     X_WC: np.ndarray
+    depth: np.ndarray
     camera_points: np.ndarray
     camera_normals: np.ndarray
 
@@ -51,7 +56,7 @@ class ViewCloud:
         step = len(points) // _POINTS + 1
         points, pixels = points[::step], pixels[::step]
         chosen = normals[pixels[:, 1], pixels[:, 0]].astype(float)
-        return ViewCloud(camera.name, camera.X_WC, points, chosen)
+        return ViewCloud(camera.name, camera.K, camera.X_WC, depth, points, chosen)
 
     @cached_property
     def points(self) -> np.ndarray:
@@ -141,3 +146,15 @@ def correspondences(
     normals = first.normals[high] + second.normals[nearest]
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return first.points[high], second.points[nearest], normals
+
+
+def looks_through(first: ViewCloud, second: ViewCloud, table_height: float) -> bool:
+    """Returns whether the first camera looks through what the second sees above the table."""
+    high = second.points[second.points[:, 2] > table_height + _OBJECT_HEIGHT]
+    pixels, z = project(high, first.K, first.X_WC)
+    height, width = first.depth.shape
+    inside = ((pixels > -0.5) & (pixels < [width - 0.5, height - 0.5])).all(axis=1)
+    u, v = pixels[inside].round().astype(int).T
+    measured = first.depth[v, u]
+    through = np.count_nonzero(measured > z[inside] + _REACH)
+    return bool(through > max(_SEEN_THROUGH * np.count_nonzero(measured), _FEWEST))

@@ -5,7 +5,7 @@ An image is named <view>_<camera>.png, e.g. 03_left.png. If the board is on the 
 """
 
 import csv
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -104,27 +104,20 @@ def _read_positions(path: Path) -> dict[str, np.ndarray]:
             remedy=f"Write it, with the columns {', '.join(_HEADER)} [rad]; or, for a loose board, "
             "name the camera whose pose is right with --keep.",
         )
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        return dict(_rows(path, csv.reader(file)))
-
-
-def _rows(path: Path, rows: Iterable[list[str]]) -> Iterable[tuple[str, np.ndarray]]:
-    for number, row in enumerate(rows, start=1):
-        if not row or tuple(row[:1]) == _HEADER[:1]:
+    found = {}
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    for number, row in enumerate(csv.reader(text.splitlines()), start=1):
+        if not row or row[0] == "view":
             continue
         try:
             q = np.array([float(value) for value in row[1:]])
         except ValueError:
-            q = np.full(1, np.nan)
-        if q.shape != (NUM_JOINTS,) or not np.isfinite(q).all():
+            q = np.array([np.nan])
+        if q.shape != (NUM_JOINTS,) or not (np.abs(q) < 2.0 * np.pi).all():
             raise CalibrationError(
-                f"Line {number} of '{path}' is not a view's name and {NUM_JOINTS} numbers: "
+                f"Line {number} of '{path}' is not a view's name and {NUM_JOINTS} angles: "
                 f"{','.join(row)[:80]}",
-                remedy="Write the name of the view, then the arm's joint positions [rad].",
+                remedy="Write the name of the view, then the arm's joint positions in radians.",
             )
-        if np.abs(q).max() > 2.0 * np.pi:
-            raise CalibrationError(
-                f"Line {number} of '{path}' has a joint at {np.abs(q).max():g} rad.",
-                remedy="Write radians, not degrees.",
-            )
-        yield row[0].strip(), q
+        found[row[0].strip()] = q
+    return found

@@ -77,5 +77,25 @@ def check_intrinsics(K: np.ndarray, camera: CameraModel, *, source: str) -> None
     )
 
 
+def check_same_view(found: CameraModel, camera: CameraModel, *, source: str) -> None:
+    """Checks that a recorded camera has the image size and the intrinsics of its model.
+
+    Args:
+        found: The recorded camera.
+        camera: The camera's model in the scenario.
+        source: The recorded camera's name in errors.
+
+    Raises:
+        CaptureError: if it does not.
+    """
+    if (found.width, found.height) != (camera.width, camera.height):
+        raise CaptureError(
+            f"{source} has images of {found.width} x {found.height} pixels, but the camera in the "
+            f"scenario has {camera.width} x {camera.height}.",
+            remedy="Set the camera's size and calibration to those of the recording.",
+        )
+    check_intrinsics(found.K, camera, source=source)
+
+
 def _text(values: np.ndarray) -> str:
     return ", ".join(f"{value:.2f}" for value in values)

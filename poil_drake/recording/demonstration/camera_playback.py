@@ -12,7 +12,7 @@ from poil_drake.errors import (
     NoImageError,
     NoMoreImagesError,
 )
-from poil_drake.perception.capture.checks import check_intrinsics
+from poil_drake.perception.capture.checks import check_same_view
 from poil_drake.perception.capture.config import McapPlayback
 from poil_drake.perception.capture.device import PATIENCE, Clock
 from poil_drake.perception.images import CameraModel, RgbdImage
@@ -118,14 +118,8 @@ class CameraPlayback:
 
     def _check(self, recording: Demonstration) -> None:
         """Raises a CaptureError if the recording does not match the scenario."""
-        file, wanted, model = self._config.file, self._camera, recording.cameras[0]
-        if (model.height, model.width) != (wanted.height, wanted.width):
-            raise CaptureError(
-                f"{self._source}: the images in {file} have {model.width} x {model.height} pixels, "
-                f"but the camera in the scenario has {wanted.width} x {wanted.height}.",
-                remedy="Set the camera's size and calibration to those of the recording.",
-            )
-        check_intrinsics(model.K, wanted, source=f"{self._source} in {file}")
+        file = self._config.file
+        check_same_view(recording.cameras[0], self._camera, source=f"{self._source} in {file}")
         frames = recording.frames
         if self._config.labels and isinstance(frames, RecordedFrames) and not frames.labelled:
             raise CaptureError(

@@ -144,7 +144,7 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
     the root of the transform tree that holds the first camera.
 
     Raises:
-        DemonstrationError: if a camera has no pose in the world frame.
+        DemonstrationError: if a camera has no pose in the world frame, or that of another camera.
     """
     frames = contents.frames
     optical = {name: contents.cameras[name].frame_id for name in names}
@@ -156,8 +156,16 @@ def base_frame(path: Path, contents: Contents, names: Sequence[str]) -> str:
         if not frames.connected(base=base, frame=frame):
             raise DemonstrationError(
                 f"{path}: no transform connects frame '{base}' with frame '{frame}' of camera "
-                f"'{name}'.",
+                f"'{name}'. The transforms in the file: {frames.listing()}.",
                 remedy=f"Record a foxglove.FrameTransform on {TRANSFORM_TOPIC} whose child frame "
-                "is the calibration's frame_id.",
+                "is the calibration's frame_id. For a ROS bag, name its world with --world, record "
+                f"{STATIC_TRANSFORM_TOPIC}, too, or take the poses from a scenario (--scenario).",
+            )
+        same = [other for other in names if optical[other] == frame]
+        if len(same) > 1:
+            raise DemonstrationError(
+                f"{path}: the cameras {' and '.join(same)} have the same frame, '{frame}'.",
+                remedy="Give each camera's driver another name and record again. For a ROS bag, "
+                "the poses can also be those of a scenario (--scenario).",
             )
     return base

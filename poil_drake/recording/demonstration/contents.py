@@ -87,7 +87,7 @@ class Contents:
         if scanned.message_type(FrameTransform, FrameTransforms):
             message = scanned.decode(FrameTransform, FrameTransforms)
             for transform in getattr(message, "transforms", [message]):
-                self.frames.add_message(
+                self.frames.add(
                     transform,
                     log_time=scanned.log_time,
                     static=scanned.topic == STATIC_TRANSFORM_TOPIC,

@@ -93,7 +93,9 @@ class Demonstration:
             ) from error
 
 
-def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None) -> Demonstration:
+def load_demonstration(
+    path: str | Path, *, cameras: Sequence[str] | None = None, plausible: bool = True
+) -> Demonstration:
     """Loads a demonstration in the layout of docs/demonstration_format.md.
 
     The file is read once and checked; images are decoded when they are accessed.
@@ -101,6 +103,7 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
     Args:
         path: The MCAP file.
         cameras: The cameras to use; by default all in the file.
+        plausible: Whether to refuse implausible depth and camera poses.
 
     Raises:
         DemonstrationError: if the file is missing, damaged or incomplete. The message names the
@@ -127,7 +130,8 @@ def load_demonstration(path: str | Path, *, cameras: Sequence[str] | None = None
         path, list(zip(*views, strict=True)), parse_label_ids(path, contents.metadata)
     )
     demonstration = Demonstration(frames, contents.metadata, contents.scenario_text, name=str(path))
-    demonstration.check_plausible()
+    if plausible:
+        demonstration.check_plausible()
     return demonstration
 
 
@@ -140,8 +144,11 @@ def _with_poses(
 ) -> np.ndarray:
     """Returns the rows of `group_by_stamp` at whose times the poses of all cameras are known.
 
+    As with a camera that starts late, the demonstration starts when all poses are known.
+
     Raises:
-        DemonstrationError: if this leaves out more than `MAX_MISSING_END`.
+        DemonstrationError: if this leaves out everything, or more than `MAX_MISSING_END` at the
+            end, which shows the goal.
     """
     known = np.ones(len(rows), dtype=bool)
     for column, name in enumerate(names if len(rows) else ()):
@@ -149,15 +156,16 @@ def _with_poses(
         first, last = contents.frames.span(base=base, frame=camera.frame_id)
         stamps = _stamps(camera.image)[rows[:, 2 * column]]
         start, end = int(stamps[0]), int(stamps[-1])
-        gap = to_seconds(max(first - start, end - last))
-        if gap > MAX_MISSING_END:
+        inside = (stamps >= first) & (stamps <= last)
+        if not inside.any() or to_seconds(end - last) > MAX_MISSING_END:
+            gap = to_seconds(max(first - start, end - last))
             raise DemonstrationError(
                 f"{path}: frame '{camera.frame_id}' of camera '{name}' moves, but its transforms "
                 f"reach from {to_seconds(first):.3f} s to {to_seconds(last):.3f} s and its images "
                 f"from {to_seconds(start):.3f} s to {to_seconds(end):.3f} s, a gap of {gap:.2f} s.",
                 remedy="Record the transforms during the whole motion, on the clock of the images.",
             )
-        known &= (stamps >= first) & (stamps <= last)
+        known &= inside
     return rows[known]
 
 

@@ -48,28 +48,21 @@ class FrameTree:
         self._tracks: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         self._use_log_times = False
 
-    def add(
-        self,
-        *,
-        parent: str,
-        child: str,
-        stamp: int,
-        X_PC: np.ndarray,
-        log_time: int = 0,
-        static: bool = False,
-    ) -> None:
-        """Adds a pose of `child` in `parent`.
+    def add(self, transform: FrameTransform, *, log_time: int, static: bool) -> None:
+        """Adds the pose of a child frame in its parent.
 
-        If `child` had another parent, its poses in that parent are discarded.
+        If the child had another parent, its poses in that parent are discarded.
 
         Args:
-            parent: The parent frame.
-            child: The child frame.
-            stamp: The time of the pose [ns]; 0 if it is not filled in.
-            X_PC: (4, 4) pose of `child` in `parent` [m].
+            transform: The pose, and its time or 0 if that is not filled in.
             log_time: The time when it was logged [ns].
-            static: Whether the pose replaces all others of `child`, and holds at all times.
+            static: Whether the pose replaces all others of the child, and holds at all times.
+
+        Raises:
+            InvalidValueError: if the pose or the stamp is invalid.
         """
+        parent, child = map(frame_name, (transform.parent_frame_id, transform.child_frame_id))
+        X_PC, stamp = decode_transform(transform), get_timestamp(transform, default=0)
         link = self._links.get(child)
         if link is None or link.parent != parent or static:
             link = self._links[child] = _Link(parent)
@@ -77,21 +70,6 @@ class FrameTree:
         link.log_times.append(log_time)
         link.poses.append(X_PC)
         self._tracks.pop(child, None)
-
-    def add_message(self, transform: FrameTransform, *, log_time: int, static: bool) -> None:
-        """Adds the pose in a message; see `add`.
-
-        Raises:
-            InvalidValueError: if the pose or the stamp is invalid.
-        """
-        self.add(
-            parent=frame_name(transform.parent_frame_id),
-            child=frame_name(transform.child_frame_id),
-            stamp=get_timestamp(transform, default=0),
-            X_PC=decode_transform(transform),
-            log_time=log_time,
-            static=static,
-        )
 
     def use_log_times(self) -> None:
         """Uses the times at which the transforms were logged instead of their stamps."""
@@ -113,8 +91,8 @@ class FrameTree:
         return "; ".join(f"{root} > {', '.join(below)}" for root, below in trees.items()) or "none"
 
     def connected(self, *, base: str, frame: str) -> bool:
-        """Returns whether transforms connect the two frames."""
-        return self.root(base) == self.root(frame)
+        """Returns whether transforms connect the two frames; a frame without a name has no pose."""
+        return bool(base and frame) and self.root(base) == self.root(frame)
 
     def pose(self, *, base: str, frame: str, stamp: int) -> np.ndarray:
         """Returns the (4, 4) pose of `frame` in `base` [m] at `stamp` [ns].

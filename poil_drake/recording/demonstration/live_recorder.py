@@ -55,31 +55,21 @@ class CameraRecord:
     @property
     def missing(self) -> int:
         """Number of images that never arrived, by the gaps between the stamps."""
-        return missing_images(np.array(self.stamps))
+        if len(self.stamps) < 3:
+            return 0
+        periods = np.diff(self.stamps) / median_period(np.array(self.stamps))
+        return int(np.maximum(np.rint(periods) - 1, 0).sum())
 
     def begins_with(self, image: RgbdImage) -> bool:
         """Returns whether the recording begins with this image, or has begun before.
 
-        If the camera has sent labels before, its recording begins with the next labelled image, but
-        at the latest after `LABEL_WAIT`.
+        Detectors look for labels in the first frame. If the camera has sent labels before, its
+        recording begins with the next labelled image, but at the latest after `LABEL_WAIT`.
         """
-        if self._first is None:
-            self._first = image.stamp
-        self._begun = (
-            self._begun
-            or not self.labelled
-            or image.label is not None
-            or image.stamp > self._first + LABEL_WAIT
-        )
+        self._first = image.stamp if self._first is None else self._first
+        waited = image.stamp - self._first > LABEL_WAIT
+        self._begun |= waited or not self.labelled or image.label is not None
         return self._begun
-
-
-def missing_images(stamps: np.ndarray) -> int:
-    """Returns how many images are missing between the (T,) rising stamps of a regular source."""
-    if len(stamps) < 3:
-        return 0
-    periods = np.diff(stamps) / median_period(stamps)
-    return int(np.maximum(np.rint(periods) - 1, 0).sum())
 
 
 _Item = tuple[CameraRecord, float, Mapping[str, EncodedMessage]]
@@ -90,14 +80,11 @@ class LiveRecorder:
     """Writes every image of some cameras to a new demonstration file.
 
     Each camera's thread encodes its images, and one thread writes them. The file is created by
-    `start`; images that arrive before are only counted. If a camera has sent labels before, its
-    recording begins with its next labelled image, because detectors look for labels in the first
-    frame. Each image keeps its own stamp.
-
-    An image that cannot be written is counted in `CameraRecord.lost`: when the machine is too slow
-    for seconds, or after an error.
+    `start`; images that arrive before are only counted. Each image keeps its own stamp. Images that
+    cannot be written, because the machine is too slow for seconds or after an error, are lost.
 
     Attributes:
+        path: The file.
         records: What each camera delivered, by name.
         error: Why writing failed; None if it did not.
     """
@@ -123,7 +110,7 @@ class LiveRecorder:
             lossless: Whether colour is not compressed as JPEG and depth is not rounded to
                 millimetres, which makes the file several times larger.
         """
-        self._path, self._cameras = Path(path), {camera.name: camera for camera in cameras}
+        self.path, self._cameras = Path(path), {camera.name: camera for camera in cameras}
         self._open = partial(
             DemonstrationWriter,
             path,
@@ -152,7 +139,7 @@ class LiveRecorder:
         try:
             writer = self._open()
         except OSError:
-            self._path.unlink(missing_ok=True)
+            self.path.unlink(missing_ok=True)
             raise
         self._thread = threading.Thread(
             target=self._run, args=(writer,), name="live_recorder", daemon=True
@@ -175,7 +162,7 @@ class LiveRecorder:
         try:
             model = self._cameras[camera]
             messages = encode_image(self._encoders[camera], model, image, calibration=is_first)
-        except Exception as error:  # Reported by the thread that waits for the recording.
+        except Exception as error:  # Reported by the thread that waits.
             self.error = error
             record.lost += 1
         else:
@@ -200,33 +187,25 @@ class LiveRecorder:
     def close(self) -> None:
         """Writes the images that wait, and completes the file."""
         with self._lock:
-            if self._closed or not self._started:
-                self._closed = True
-                return
+            is_running = self._started and not self._closed
             self._closed = True
-        self._queue.put(None)
-        self._thread.join()
+        if is_running:
+            self._queue.put(None)
+            self._thread.join()
 
     def _run(self, writer: DemonstrationWriter) -> None:
         try:
             with writer:
                 while (item := self._queue.get()) is not None:
-                    self._write(writer, *item)
+                    record, stamp, messages = item
+                    try:
+                        if self.error is None:
+                            writer.write_messages(messages, stamp=stamp)
+                    except Exception as error:  # Reported by the thread that waits.
+                        self.error = error
+                    if self.error is None:
+                        record.stamps.append(stamp)
+                    else:
+                        record.lost += 1
         except OSError as error:
             self.error = self.error or error
-
-    def _write(
-        self,
-        writer: DemonstrationWriter,
-        record: CameraRecord,
-        stamp: float,
-        messages: Mapping[str, EncodedMessage],
-    ) -> None:
-        if self.error is None:
-            try:
-                writer.write_messages(messages, stamp=stamp)
-                record.stamps.append(stamp)
-                return
-            except Exception as error:  # Reported by the thread that waits for the recording.
-                self.error = error
-        record.lost += 1

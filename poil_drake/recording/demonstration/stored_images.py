@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import cv2
 import numpy as np
@@ -21,7 +21,7 @@ from poil_drake.recording.mcap.message_decoders import (
     decode_color,
     decode_depth,
     decode_label,
-    frame_of,
+    frame_name,
 )
 from poil_drake.recording.mcap.scan import Location, ScannedMessage, read_messages
 from poil_drake.recording.mcap.timestamps import get_timestamp, to_seconds
@@ -59,11 +59,11 @@ class StoredImage:
         """
         message = scanned.decode(CompressedImage, RawImage)
         stamp = get_timestamp(message, default=0)
-        return cls(stamp, scanned.log_time, frame_of(message), type(message), scanned.location)
+        frame = frame_name(message.frame_id)
+        return cls(stamp, scanned.log_time, frame, type(message), scanned.location)
 
 
-@dataclass(frozen=True, eq=False)
-class Registration:
+class Registration(NamedTuple):
     """How the depth images of a camera are registered to its colour images.
 
     Attributes:
@@ -73,12 +73,6 @@ class Registration:
 
     lens: Calibration
     X_CD: np.ndarray
-
-    def register(self, depth: np.ndarray, color: Calibration) -> np.ndarray:
-        """Returns rectified depth (H, W) [m] in the view of rectified colour images."""
-        return register_depth(
-            depth, self.lens.K, color.K, X_CD=self.X_CD, size=(color.height, color.width)
-        )
 
 
 @dataclass(frozen=True)
@@ -101,24 +95,15 @@ class StoredImages:
         return to_seconds(self.color.log_time)
 
     def read(
-        self,
-        path: Path,
-        camera: str,
-        *,
-        size: tuple[int, int],
-        size_source: str,
-        lens: Calibration | None = None,
-        registration: Registration | None = None,
+        self, path: Path, camera: str, lens: Calibration, registration: Registration | None = None
     ) -> RgbdImage:
-        """Returns the decoded images.
+        """Returns the decoded images, rectified and with depth registered to colour.
 
         Args:
             path: The file.
             camera: The camera's name.
-            size: Width and height that every image must have [px].
-            size_source: The words before `size` in errors, e.g. "the camera is calibrated for".
-            lens: The calibration whose distortion is removed; None for rectified images.
-            registration: How depth is registered to colour, which needs `lens`; None if it is.
+            lens: The camera's calibration, which has the size of its images.
+            registration: How depth is registered to colour; None if it is.
 
         Raises:
             DemonstrationError: if an image cannot be decoded or has another size, or the file has
@@ -129,15 +114,14 @@ class StoredImages:
         data = read_messages(path, [image.location for image in stored.values()])
         pixels = {}
         for (kind, image), content in zip(stored.items(), data, strict=True):
-            own = registration.lens if registration and kind == "depth" else None
-            wanted = (own.width, own.height) if own else size
+            own = registration.lens if registration and kind == "depth" else lens
             try:
                 decoded = _DECODERS[kind](image.message_type.FromString(content))
                 height, width = decoded.shape[:2]
-                if (width, height) != wanted:
+                if (width, height) != (own.width, own.height):
                     raise InvalidValueError(
-                        f"an image has {width} x {height} pixels, but {size_source} {wanted[0]} x "
-                        f"{wanted[1]}.",
+                        f"an image has {width} x {height} pixels instead of {own.width} x "
+                        f"{own.height}.",
                         remedy="Record all images at the size of the calibration. If depth is not "
                         "registered to colour, also record its own calibration on "
                         f"{camera_topic(camera, 'depth_calibration')}.",
@@ -149,14 +133,15 @@ class StoredImages:
                     f"{problem}",
                     remedy=getattr(error, "remedy", "Record the demonstration again."),
                 ) from error
-            calibration = own or lens
-            pixels[kind] = (
-                _rectify(decoded, calibration, interpolate=kind == "image")
-                if calibration
-                else decoded
+            pixels[kind] = _rectify(decoded, own, interpolate=kind == "image")
+        if registration is not None:
+            pixels["depth"] = register_depth(
+                pixels["depth"],
+                registration.lens.K,
+                lens.K,
+                X_CD=registration.X_CD,
+                size=(lens.height, lens.width),
             )
-        if registration is not None and lens is not None:
-            pixels["depth"] = registration.register(pixels["depth"], lens)
         return RgbdImage(
             rgb=pixels["image"],
             depth=pixels["depth"],
@@ -231,24 +216,15 @@ class RecordedFrames(Sequence[MultiViewFrame]):
     def _decode(self, index: int) -> MultiViewFrame:
         views = self._instants[index]
         # Images first, because decoding them checks the size in the calibration.
-        images = tuple(self._image(view) for view in views)
+        images = tuple(
+            v.images.read(self._path, v.name, v.calibration, v.registration) for v in views
+        )
         cameras = tuple(
             CameraModel(v.name, v.calibration.width, v.calibration.height, v.calibration.K, v.X_WC)
             for v in views
         )
         labelled = any(view.images.label is not None for view in views)
         return MultiViewFrame(cameras, images, self._label_ids if labelled else {})
-
-    def _image(self, view: StoredView) -> RgbdImage:
-        lens = view.calibration
-        return view.images.read(
-            self._path,
-            view.name,
-            size=(lens.width, lens.height),
-            size_source="the camera is calibrated for",
-            lens=lens,
-            registration=view.registration,
-        )
 
 
 def _rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) -> np.ndarray:
@@ -265,11 +241,7 @@ def _rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) 
     """
     if calibration.distortion.size == 0:
         return image
-    map_u, map_v = _maps(
-        tuple(calibration.K.ravel()),
-        tuple(calibration.distortion),
-        (calibration.width, calibration.height),
-    )
+    map_u, map_v = _maps(calibration)
     return cv2.remap(
         image,
         map_u,
@@ -281,11 +253,7 @@ def _rectify(image: np.ndarray, calibration: Calibration, *, interpolate: bool) 
 
 
 @lru_cache(maxsize=8)
-def _maps(
-    K: tuple[float, ...], distortion: tuple[float, ...], size: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray]:
+def _maps(calibration: Calibration) -> tuple[np.ndarray, np.ndarray]:
     """Returns (H, W) u and v: where each rectified pixel is in the distorted image [px]."""
-    matrix = np.reshape(K, (3, 3))
-    return cv2.initUndistortRectifyMap(
-        matrix, np.array(distortion), None, matrix, size, cv2.CV_32FC1
-    )
+    K, size = calibration.K, (calibration.width, calibration.height)
+    return cv2.initUndistortRectifyMap(K, calibration.distortion, None, K, size, cv2.CV_32FC1)

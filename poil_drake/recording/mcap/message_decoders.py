@@ -1,20 +1,20 @@
-"""Decodes Foxglove messages of cameras, images, transforms, point clouds and joint states.
-
-Calibrations and images may also be ROS messages of the same name, which have the same fields.
-"""
+"""Decodes Foxglove messages of cameras, images, transforms, point clouds and joint states."""
 
 import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.JointStates_pb2 import JointStates
 from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
 from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from scipy.spatial.transform import Rotation
 
 from poil_drake.errors import InvalidValueError
@@ -24,8 +24,12 @@ from poil_drake.geometry.depth_image import depth_in_metres
 _DISTORTION_MODELS = ("plumb_bob", "rational_polynomial")
 _DISTORTION_COUNTS = (4, 5, 8, 12, 14)
 
-ImageMessage: TypeAlias = Any
-"""A `foxglove.RawImage` or `foxglove.CompressedImage`, or an Image or CompressedImage of ROS."""
+# What lenses have: the ratio of the focal length to the size of the image, for 175 to 1 degree,
+_WIDEST_LENS, _NARROWEST_LENS = 0.02, 60.0
+# and the distance of the principal point from the image's centre, as a share of the size.
+_FARTHEST_CENTRE = 2.0
+
+ImageMessage: TypeAlias = RawImage | CompressedImage
 
 MILLIMETRES_PER_METRE = 1000.0
 
@@ -51,6 +55,7 @@ _RAW_LABEL = {
 
 # Before the PNG of a "compressedDepth" image: an enumeration and two parameters of inverse depth.
 _DEPTH_HEADER = struct.Struct("<iff")
+_JPEG_MAGIC = b"\xff\xd8"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,20 +85,20 @@ class Calibration:
         )
 
 
-def decode_calibration(message: Any) -> Calibration:
+def decode_calibration(message: CameraCalibration) -> Calibration:
     """Returns the calibration in a message.
 
     Raises:
         InvalidValueError: if K or D is invalid, or the distortion model is not supported.
     """
-    K, distortion = (
-        np.array(getattr(message, name, getattr(message, name.lower(), ())), dtype=float)
-        for name in ("K", "D")
-    )
-    if K.size != 9 or not np.all(np.isfinite([*K, *distortion])) or K[0] <= 0.0 or K[4] <= 0.0:
+    K, distortion = np.array(message.K), np.array(message.D)
+    size = np.array([message.width, message.height])
+    if not (np.all(np.isfinite(distortion)) and _is_intrinsic_matrix(K, size)):
         raise InvalidValueError(
-            f"the calibration is invalid: K = {K.tolist()}, D = {distortion.tolist()}.",
-            remedy="Record a 3 x 3 K with positive focal lengths, and finite numbers in K and D.",
+            f"the calibration is invalid: {size[0]} x {size[1]} pixels, K = {K.tolist()}, D = "
+            f"{distortion.tolist()}.",
+            remedy="Record the images' size, K = [fx, 0, cx, 0, fy, cy, 0, 0, 1] in pixels, and "
+            "finite numbers in D.",
         )
     if not np.any(distortion):
         distortion = np.zeros(0)
@@ -110,18 +115,22 @@ def decode_calibration(message: Any) -> Calibration:
             f"{_DISTORTION_COUNTS[-1]} coefficients in OpenCV's order (k1, k2, p1, p2, k3, ...), "
             "or rectified images.",
         )
-    frame = frame_of(message)
+    frame = frame_name(message.frame_id)
     return Calibration(frame, message.width, message.height, K.reshape(3, 3), distortion)
+
+
+def _is_intrinsic_matrix(K: np.ndarray, size: np.ndarray) -> bool:
+    """Returns whether K (9,) can be that of a lens for images of a size (2,), both in [px]."""
+    if K.size != 9 or not np.array_equal(K[[3, 6, 7, 8]], [0.0, 0.0, 0.0, 1.0]):
+        return False
+    share, centre = K[[0, 4]] / np.maximum(size, 1), K[[2, 5]] / np.maximum(size, 1)
+    in_view = np.all(np.abs(centre - 0.5) <= _FARTHEST_CENTRE) and abs(K[1]) <= K[0]
+    return bool(in_view and np.all((share >= _WIDEST_LENS) & (share <= _NARROWEST_LENS)))
 
 
 def frame_name(recorded: str) -> str:
     """Returns the name of a frame without the leading slash that old ROS tools write."""
     return recorded.removeprefix("/")
-
-
-def frame_of(message: Any) -> str:
-    """Returns the name of a message's frame: its own `frame_id`, or that of its ROS header."""
-    return frame_name(getattr(message, "header", message).frame_id)
 
 
 def decode_color(message: ImageMessage) -> np.ndarray:
@@ -130,9 +139,8 @@ def decode_color(message: ImageMessage) -> np.ndarray:
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
-    if _is_compressed(message):
-        pixels = _decompress(message, message.data, cv2.IMREAD_COLOR)
-        return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)
+    if isinstance(message, CompressedImage):
+        return cv2.cvtColor(_decompress(message, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
     if message.encoding not in _RAW_COLOR:
         raise InvalidValueError(
             f"a colour image has the unsupported encoding '{message.encoding}'.",
@@ -153,16 +161,15 @@ def decode_depth(message: ImageMessage) -> np.ndarray:
     Raises:
         InvalidValueError: if the encoding is unknown or does not fit the data.
     """
-    if not _is_compressed(message):
-        pixels = _raw_channel(message, "depth", _RAW_DEPTH, " (millimetres) or 32FC1 (metres)")
+    if isinstance(message, RawImage):
+        pixels = _raw_channel(message, "depth", _RAW_DEPTH)
         return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
-    data, has_header = bytes(message.data), "compressedDepth" in message.format
-    pixels = _decompress(message, data[_DEPTH_HEADER.size :] if has_header else data)
+    pixels = _decompress(message)
     if pixels.ndim != 2 or pixels.dtype != np.uint16:
-        raise _wrong_pixels("depth", pixels, "Use a 16-bit PNG with one channel.")
-    if not (has_header and message.format.startswith("32FC1")):
+        raise _wrong_pixels(message, "depth", pixels)
+    if not (message.format.startswith("32FC1") and _has_header(message)):
         return depth_in_metres(pixels, step=1.0 / MILLIMETRES_PER_METRE)
-    _, scale, offset = _DEPTH_HEADER.unpack_from(data)
+    _, scale, offset = _DEPTH_HEADER.unpack_from(message.data)
     inverse = pixels.astype(np.float32) - np.float32(offset)
     inverse[(pixels == 0) | (inverse <= 0.0)] = np.nan
     return depth_in_metres(np.float32(scale) / inverse, step=1.0)
@@ -175,12 +182,13 @@ def decode_label(message: ImageMessage) -> np.ndarray:
         InvalidValueError: if the encoding is unknown or does not fit the data, or a label has more
             than 16 bits.
     """
-    if _is_compressed(message):
-        pixels = _decompress(message, message.data)
-        if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16):
-            raise _wrong_pixels("label", pixels, "Use an 8-bit or 16-bit PNG with one channel.")
+    if isinstance(message, CompressedImage):
+        pixels = _decompress(message)
+        is_jpeg = message.data.startswith(_JPEG_MAGIC)  # Between two labels, it has others.
+        if pixels.ndim != 2 or pixels.dtype not in (np.uint8, np.uint16) or is_jpeg:
+            raise _wrong_pixels(message, "label", pixels)
     else:
-        pixels = _raw_channel(message, "label", _RAW_LABEL, "")
+        pixels = _raw_channel(message, "label", _RAW_LABEL)
     labels: np.ndarray = pixels.astype(np.int16)
     # 16-bit labels may be signed or not; larger ones must fit.
     if pixels.dtype == np.int32 and np.any(labels != pixels):
@@ -191,32 +199,31 @@ def decode_label(message: ImageMessage) -> np.ndarray:
     return labels
 
 
-def _is_compressed(message: ImageMessage) -> bool:
-    return hasattr(message, "format")
+def _has_header(message: CompressedImage) -> bool:
+    return "compressedDepth" in message.format
 
 
-def _raw_channel(message: ImageMessage, kind: str, types: dict[str, str], units: str) -> np.ndarray:
+def _raw_channel(message: RawImage, kind: str, types: dict[str, str]) -> np.ndarray:
     """Returns the (H, W) pixels of a one-channel image, which errors call a `kind` image."""
     if message.encoding not in types:
-        names = [name for name in types if not (units and name in units)]
         raise InvalidValueError(
             f"a {kind} image has the unsupported encoding '{message.encoding}'.",
-            remedy=f"Use one of {', '.join(names)}{units}.",
+            remedy=f"Use one of {', '.join(types)}.",
         )
     dtype = np.dtype(types[message.encoding])
     return _raw_pixels(message, dtype, 1)[..., 0]
 
 
-def _wrong_pixels(kind: str, pixels: np.ndarray, remedy: str) -> InvalidValueError:
+def _wrong_pixels(message: CompressedImage, kind: str, pixels: np.ndarray) -> InvalidValueError:
     return InvalidValueError(
-        f"a compressed {kind} image has {pixels.dtype} pixels of shape {pixels.shape}.",
-        remedy=remedy,
+        f"a compressed {kind} image of format '{message.format}' has {pixels.dtype} pixels of "
+        f"shape {pixels.shape}.",
+        remedy="Use a PNG with one channel: 16-bit for depth, 8-bit or 16-bit for labels.",
     )
 
 
-def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.ndarray:
+def _raw_pixels(message: RawImage, dtype: np.dtype, channels: int) -> np.ndarray:
     """Returns the (H, W, channels) pixels of a raw image, whose rows may be padded."""
-    stored = dtype.newbyteorder(">" if getattr(message, "is_bigendian", False) else "<")
     row = message.width * channels * dtype.itemsize
     step = message.step or row
     try:
@@ -224,7 +231,8 @@ def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.nda
             raise ValueError("the rows are too short")
         shape = (message.height, message.width, channels)
         strides = (step, channels * dtype.itemsize, dtype.itemsize)
-        return np.ndarray(shape, stored, message.data, strides=strides).astype(dtype)
+        stored = np.ndarray(shape, dtype.newbyteorder("<"), message.data, strides=strides)
+        return stored.astype(dtype)
     except (TypeError, ValueError) as error:
         raise InvalidValueError(
             f"a {message.width} x {message.height} image with encoding '{message.encoding}' does "
@@ -233,9 +241,10 @@ def _raw_pixels(message: ImageMessage, dtype: np.dtype, channels: int) -> np.nda
         ) from error
 
 
-def _decompress(message: ImageMessage, data: Any, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
+def _decompress(message: CompressedImage, flags: int = cv2.IMREAD_UNCHANGED) -> np.ndarray:
+    data = np.frombuffer(message.data, np.uint8)
     try:
-        pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        pixels = cv2.imdecode(data[_DEPTH_HEADER.size if _has_header(message) else 0 :], flags)
     except cv2.error:
         pixels = None
     if pixels is None:

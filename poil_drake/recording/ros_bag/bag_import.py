@@ -77,9 +77,8 @@ def import_ros_bag(
         chosen = choose_topics(bag, cameras, topics or {})
         converter = BagConverter(McapSink(stream), chosen, posed=poses is not None)
         transforms = [name for name, topic in bag.topics.items() if topic.type == TRANSFORMS]
-        first, unread, kept = None, set(chosen.values()), set[str]()
+        first, kept = None, set[str]()
         for message in bag.messages([*chosen.values(), *transforms]):
-            unread.discard(message.topic)
             if message.type in IMAGES:
                 first = message.log_time if first is None else first
                 if not start <= to_seconds(message.log_time - first) <= end:
@@ -87,12 +86,6 @@ def import_ros_bag(
                 kept.add(message.topic)
             with _named(f"{bag.path}, topic {message.topic}"):
                 converter.add(message)
-        if unread:
-            raise DemonstrationError(
-                f"{bag.path}: its index counts messages of {', '.join(sorted(unread))}, but there "
-                "are none.",
-                remedy="Correct the index with `ros2 bag reindex`.",
-            )
         for topic in chosen.values():
             if bag.topics[topic].type in IMAGES and topic not in kept:
                 raise DemonstrationError(
@@ -100,12 +93,9 @@ def import_ros_bag(
                     "s after the first image.",
                     remedy="Correct --start and --end.",
                 )
-        for name in cameras:
-            if poses is None:
-                converter.require_pose(bag, name, world)
-            else:
-                with _named(f"{bag.path}, camera '{name}'"):
-                    converter.add_pose(name, world, poses[name])
+        for name, X_WC in (poses or {}).items():
+            with _named(f"{bag.path}, camera '{name}'"):
+                converter.add_pose(name, world, X_WC)
         converter.finish(
             {
                 CAMERAS_KEY: json.dumps(list(cameras)),

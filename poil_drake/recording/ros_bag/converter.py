@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-from poil_drake.errors import DemonstrationError
 from poil_drake.recording.demonstration.frame_tree import FrameTree
 from poil_drake.recording.demonstration.layout import (
     STATIC_TRANSFORM_TOPIC,
@@ -18,7 +17,7 @@ from poil_drake.recording.mcap.library_versions import version_metadata
 from poil_drake.recording.mcap.message_decoders import frame_name
 from poil_drake.recording.mcap.message_encoder import EncodedMessage, MessageEncoder
 from poil_drake.recording.mcap.sink import McapSink
-from poil_drake.recording.ros_bag.bag import CAMERA_INFO, TRANSFORMS, BagMessage, RosBag
+from poil_drake.recording.ros_bag.bag import CAMERA_INFO, TRANSFORMS, BagMessage
 from poil_drake.recording.ros_bag.messages import (
     convert_calibration,
     convert_image,
@@ -40,7 +39,7 @@ class BagConverter:
         self._sink, self._chosen, self._posed = sink, chosen, posed
         self._own = {topic: own for own, topic in chosen.items()}
         self._calibrations: dict[str, CameraCalibration] = {}
-        self._frames: dict[str, str] = {}  # In the bag, by topic of the calibration.
+        self._frames: dict[str, str] = {}  # In the bag, by topic of the demonstration.
         self._tree = FrameTree()
         self._log_time = 0
 
@@ -53,29 +52,13 @@ class BagConverter:
         self._log_time = message.log_time
         if message.type == TRANSFORMS:
             self._add_transforms(message)
-        elif message.type == CAMERA_INFO:
-            self._add_calibration(message)
+            return
+        own = self._own[message.topic]
+        self._frames.setdefault(own, frame_name(message.content.header.frame_id))
+        if message.type == CAMERA_INFO:
+            self._add_calibration(own, message)
         else:
-            self._write(self._own[message.topic], convert_image(message.content))
-
-    def require_pose(self, bag: RosBag, name: str, world: str) -> None:
-        """Raises a DemonstrationError unless the transforms give the pose of a camera."""
-        own = camera_topic(name, "calibration")
-        frame = self._frames[own]
-        if not self._tree.connected(base=world, frame=frame):
-            raise DemonstrationError(
-                f"{bag.path}: no transform connects frame '{world}' with frame '{frame}' of camera "
-                f"'{name}'. The frames in the bag: {self._tree.listing()}.",
-                remedy="Name the frame that is the scenario's world with --world; or record "
-                "/tf_static, too; or take the poses from a scenario's cameras with --scenario.",
-            )
-        users = [topic for topic, other in self._frames.items() if other == frame]
-        if len(users) > 1 and not all(topic.startswith(f"/camera/{name}/") for topic in users):
-            raise DemonstrationError(
-                f"{bag.path}: several cameras have the same frame, '{frame}': {', '.join(users)}.",
-                remedy="Give each camera's driver another name and record again, or take the poses "
-                "from a scenario's cameras with --scenario.",
-            )
+            self._write(own, convert_image(message.content))
 
     def add_pose(self, name: str, world: str, X_WC: np.ndarray) -> None:
         """Writes the pose of a camera, and of its depth images if they have a calibration.
@@ -86,9 +69,11 @@ class BagConverter:
         color, depth = (camera_topic(name, kind) for kind in ("calibration", "depth_calibration"))
         self._write_pose(world, _own_frame(color), X_WC)
         if depth in self._frames:
-            X_CD = self._tree.pose(
-                base=self._frames[color], frame=self._frames[depth], stamp=self._log_time
+            frame, depth_frame = (
+                self._frames.get(calibration) or self._frames.get(camera_topic(name, kind), "")
+                for calibration, kind in ((color, "image"), (depth, "depth"))
             )
+            X_CD = self._tree.pose(base=frame, frame=depth_frame, stamp=self._log_time)
             self._write_pose(_own_frame(color), _own_frame(depth), X_CD)
 
     def finish(self, metadata: Mapping[str, str]) -> None:
@@ -100,19 +85,17 @@ class BagConverter:
         static = message.topic.endswith(STATIC_TRANSFORM_TOPIC)
         for stamped in message.content.transforms:
             transform = convert_transform(stamped)
-            self._tree.add_message(transform, log_time=message.log_time, static=static)
+            self._tree.add(transform, log_time=message.log_time, static=static)
             if not self._posed:
                 self._write(STATIC_TRANSFORM_TOPIC if static else TRANSFORM_TOPIC, transform)
 
-    def _add_calibration(self, message: BagMessage) -> None:
+    def _add_calibration(self, own: str, message: BagMessage) -> None:
         """Writes a calibration, unless it is the same as the last one."""
-        own = self._own[message.topic]
         _, _, name, kind = own.split("/")
         image = camera_topic(name, "image" if kind == "calibration" else "depth")
         # image_proc and the drivers call rectified images e.g. image_rect_color.
         rectified = "rect" in image_name(self._chosen[image]).rpartition("/")[2]
         calibration = convert_calibration(message.content, rectified=rectified)
-        self._frames[own] = frame_name(calibration.frame_id)
         if self._posed:  # In the bag, the frames of two cameras may have one name.
             calibration.frame_id = _own_frame(own)
         last = self._calibrations.get(own)

@@ -117,7 +117,12 @@ def _guess(bag: RosBag, name: str, kind: str, prefix: str) -> str | None:
             remedy=f"Name the topic, e.g. --topic {name}/{kind}={prefix}{kind}, or another prefix "
             "with --camera.",
         )
-    return min(fitting[images[0]], key=lambda topic: bag.topics[topic].type != IMAGE)
+    # JPEG, which is usual in `compressed`, would spoil depth and labels.
+    lossless, packed = kind != "image", "/compressedDepth"
+    return min(
+        fitting[images[0]],
+        key=lambda topic: (bag.topics[topic].type != IMAGE, topic.endswith(packed) != lossless),
+    )
 
 
 def _check(bag: RosBag, name: str, kind: str, topic: str) -> None:

@@ -140,16 +140,12 @@ class RecordedRun:
         decoded or does not have the size of `camera`, or if the file has changed.
         """
         images = self.images.get(camera.name, [])
+        lens = Calibration("", camera.width, camera.height, camera.K, distortion=np.zeros(0))
 
         @lru_cache(_CACHED_IMAGES)
         def read(index: int) -> RgbdImage:
             try:
-                return images[index].read(
-                    self.path,
-                    camera.name,
-                    size=(camera.width, camera.height),
-                    size_source=f"the scenario's camera '{camera.name}' has",
-                )
+                return images[index].read(self.path, camera.name, lens)
             except DemonstrationError as error:
                 raise RunLogError(
                     error.problem,

@@ -24,6 +24,8 @@ from poil_drake.systems.lcm.network import LcmNetwork
 
 WIDTH, HEIGHT = 64, 48
 FPS = 30.0
+MUG = 77
+"""The mug's number in the label images that are sent."""
 
 
 def scenario_text(
@@ -47,7 +49,7 @@ def camera_models(scenario: Scenario) -> tuple[CameraModel, ...]:
 def noise(number: int, *, stamp: float = 0.0, labelled: bool = False) -> RgbdImage:
     """Returns an image that cannot be compressed; its depth is in whole millimetres."""
     rgb, depth = _pixels(number)
-    label = np.full((HEIGHT, WIDTH), number % 100, np.int16) if labelled else None
+    label = np.full((HEIGHT, WIDTH), MUG, np.int16) if labelled else None
     return RgbdImage(rgb, depth, stamp, label)
 
 
@@ -123,7 +125,7 @@ def write_playback(path: Path, camera: CameraModel, count: int) -> str:
     ) as writer:
         for k in range(count):
             image = noise(k, stamp=k / FPS, labelled=k == 0)
-            writer.write(MultiViewFrame((camera,), (image,), {"mug": (3,)}))
+            writer.write(MultiViewFrame((camera,), (image,), {"mug": (MUG,)}))
     return f"!McapPlayback {{file: '{path}', loop: true}}"
 
 

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
-from moved_scene import moved
+from bare_mugs import write_bare_mug
+from moved_scene import SMALL, moved
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
@@ -8,14 +9,6 @@ from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 
 pytestmark = pytest.mark.render
-
-SMALL = """
-cameras:
-  left: { width: 320, height: 240 }
-  right: { width: 320, height: 240 }
-poil:
-  rates: { tracker: 1 }
-"""
 
 
 def keyframes(*heights: float) -> str:
@@ -55,6 +48,16 @@ def test_an_impossible_demonstration_is_refused(changes, problem, remedy, tmp_pa
 
     assert remedy in info.value.remedy
     assert not (tmp_path / "demo.mcap").exists()
+
+
+def test_an_object_too_large_for_the_fixture_is_refused(tmp_path):
+    mug = write_bare_mug(tmp_path, shapes="boxes", height=0.3)
+    own = f"  demonstration_object: {mug}\n  demonstration_parts: {{ handle: 'handle_.*' }}\n"
+
+    with pytest.raises(ScenarioError, match=r"inside 'table::table::top' \d\.\d+ s after") as info:
+        RecordDemonstration(ChooseScenario(data=SMALL + own), tmp_path / "demo.mcap")
+
+    assert "smaller object" in info.value.remedy
 
 
 @pytest.mark.parametrize("size", [(96, 72), (64, 48)])

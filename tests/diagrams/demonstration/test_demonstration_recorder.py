@@ -2,6 +2,7 @@ from importlib.metadata import version
 
 import numpy as np
 import pytest
+from moved_scene import SMALL
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario, default_scenario_file
@@ -9,14 +10,6 @@ from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 
 pytestmark = pytest.mark.render
-
-SMALL = """
-cameras:
-  left: { width: 320, height: 240 }
-  right: { width: 320, height: 240 }
-poil:
-  rates: { tracker: 1 }
-"""
 
 
 @pytest.fixture(scope="module")

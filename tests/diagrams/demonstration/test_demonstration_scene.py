@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from pydrake.multibody.parsing import PackageMap
 
-from poil_drake.diagrams.demonstration.scene import (
-    DemonstrationScene,
+from poil_drake.diagrams.demonstration.directives import (
     demonstrated_parts,
     demonstration_directives,
 )
+from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError

@@ -243,7 +243,7 @@ def test_perception_repeats_itself_exactly_where_the_images_are_exact(
 def test_perception_repeats_itself_closely_with_the_usual_images(
     whole_run: Path, tmp_path: Path
 ) -> None:
-    summary = replay(beginning(whole_run / "run.mcap", tmp_path / "run.mcap", 6.0))
+    summary = replay(beginning(whole_run / "run.mcap", tmp_path / "run.mcap", 7.0))
 
     assert summary.same, summary.closing_line()
     assert starts(summary)[-1][0] == "follow"

@@ -116,6 +116,8 @@ def test_other_formats_are_drawn(suffix: str, tmp_path: Path) -> None:
         ("grip.stl", "solid a\nendsolid a\n", True, r"grip.stl.*\.export\("),
         ("grip.obj", "v 0 0 0\nf 1 2 3\n", False, "grip.obj of 'mug::grip' cannot be read"),
         ("grip.obj", "v 0 a 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", False, "cannot be read"),
+        ("grip.obj", GRIP.replace("f 1 ", "f 99 "), True, "grip.obj of 'mug::grip' cannot be"),
+        ("grip.obj", GRIP.replace("v 0", "v nan", 1), True, "grip.obj of 'mug::grip' cannot be"),
         ("other.obj", GRIP, True, "grip.obj.*does not exist. Correct the path"),
     ],
 )

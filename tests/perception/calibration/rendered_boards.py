@@ -81,15 +81,15 @@ def exact_views(
 
 def rendered(model: CameraModel, X_WB: np.ndarray, *, seed: int = 0) -> np.ndarray:
     """Returns an image (H, W, 3) of the board before a grey wall, with blur, shading and noise."""
-    config, n, s = BOARD.config, _PIXELS_PER_SQUARE, _OVERSAMPLING
-    size = (config.columns * n, config.rows * n)
+    n, s = _PIXELS_PER_SQUARE, _OVERSAMPLING
+    size = (BOARD.columns * n, BOARD.rows * n)
     print_ = cv2.copyMakeBorder(
         BOARD._board.generateImage(size), n, n, n, n, cv2.BORDER_CONSTANT, value=255
     )
     # Pixel (i, j) of the print is centred on ((i - n + 0.5) / n, ...) squares.
-    to_metres = np.array([[1, 0, 0.5 - n], [0, 1, 0.5 - n], [0, 0, n / config.square]])
+    to_metres = np.array([[1, 0, 0.5 - n], [0, 1, 0.5 - n], [0, 0, n / BOARD.square]])
     X_CB = inverse(model.X_WC) @ X_WB
-    H = model.K @ X_CB[:3, [0, 1, 3]] @ to_metres / (n / config.square)
+    H = model.K @ X_CB[:3, [0, 1, 3]] @ to_metres / (n / BOARD.square)
     fine = np.array([[s, 0, (s - 1) / 2], [0, s, (s - 1) / 2], [0, 0, 1]])
     large = cv2.warpPerspective(
         print_, fine @ H, (s * WIDTH, s * HEIGHT), borderValue=110, flags=cv2.INTER_AREA

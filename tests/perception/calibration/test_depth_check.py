@@ -160,6 +160,26 @@ def test_a_sideways_error_shows_only_between_two_cameras(
     np.testing.assert_allclose(pair.shift, shift, atol=0.0006)
 
 
+@pytest.mark.parametrize("shift", [(0.08, 0, 0), (0, -0.3, 0)])
+def test_cameras_that_are_far_apart_sideways_do_not_pass(
+    true: MultiViewFrame, shift: tuple
+) -> None:
+    dut = check_depth(believed(0, shift=shift)(true), HEIGHT)
+
+    assert all(fit is not None and fit.ok for fit in dut.tables.values())
+    pair = dut.pairs["left", "right"]
+    assert pair is not None
+    assert not pair.ok
+
+
+def test_objects_that_only_one_camera_measures_tell_nothing(true: MultiViewFrame) -> None:
+    bare = depth_image(true.cameras[1], objects=False, seed=1)
+
+    dut = check_depth(measured(1, lambda z: np.where(z < bare - 0.001, 0.0, z))(true), HEIGHT)
+
+    assert dut.pairs == {("left", "right"): None}
+
+
 def test_the_same_wrong_scale_of_both_cameras_is_not_a_wrong_table(true: MultiViewFrame) -> None:
     change = measured(0, lambda z: 1.02 * z)(measured(1, lambda z: 1.02 * z)(true))
 
@@ -177,6 +197,31 @@ def test_a_wrong_height_of_the_table_is_not_blamed_on_the_cameras(true: MultiVie
 
     assert dut.table_height == pytest.approx(HEIGHT, abs=2e-4)
     assert dut.causes == {}
+
+
+def test_tables_that_are_tilted_apart_are_not_one_table_at_another_height() -> None:
+    bare = frame("left", "right", objects=False)
+    tilted = believed(0, turn=(1.0, 0, 0))(believed(1, turn=(-1.0, 0, 0))(bare))
+
+    dut = check_depth(tilted, HEIGHT)
+
+    assert dut.table_height is None
+    assert {name: cause.kind for name, (cause,) in dut.causes.items()} == {
+        "left": "pose",
+        "right": "pose",
+    }
+
+
+@pytest.mark.parametrize("names", [("left",), ("left", "right")])
+def test_a_table_that_is_far_off_is_not_blamed_on_depth(names: tuple[str, ...]) -> None:
+    # With two cameras, the second one does not confirm the height.
+    changed = believed(len(names) - 1, shift=(0, 0, 0.006))(frame(*names))
+
+    dut = check_depth(changed, 0.0)
+
+    assert dut.table_height is None
+    assert {cause.kind for causes in dut.causes.values() for cause in causes} == {"pose"}
+    assert set(dut.causes) == set(names)
 
 
 def test_without_objects_scale_and_height_cannot_be_told_apart() -> None:

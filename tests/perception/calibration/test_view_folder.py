@@ -53,10 +53,10 @@ def test_a_loose_board_needs_no_joint_positions(folder: Path) -> None:
     ("text", "problem"),
     [
         ("view,panda_joint1\n00,0,1,2,3,4,5,6\n", "no row for view '01'"),
-        ("00,1,2,3\n", "Line 1 of .* is not a view's name and 7 numbers: 00,1,2,3"),
-        ("00,1,2,3,4,5,6,nan\n", "is not a view's name and 7 numbers"),
-        ("00,1,2,3,4,5,6,a\n", "is not a view's name and 7 numbers"),
-        ("00,0,-45,0,-135,0,90,45\n", "a joint at 135 rad. Write radians, not degrees"),
+        ("00,1,2,3\n", "Line 1 of .* is not a view's name and 7 angles: 00,1,2,3"),
+        ("00,1,2,3,4,5,6,nan\n", "is not a view's name and 7 angles"),
+        ("00,1,2,3,4,5,6,a\n", "is not a view's name and 7 angles"),
+        ("00,0,-45,0,-135,0,90,45\n", "is not .* 7 angles: .*,-135,.* in radians"),
     ],
 )
 def test_damaged_joint_positions_are_refused(folder: Path, text: str, problem: str) -> None:

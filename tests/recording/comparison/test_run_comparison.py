@@ -137,9 +137,7 @@ def test_tracks_are_paired_by_their_stamps():
 
 def seen_track(stamp, *seen):
     """A track of three points, of which some are seen."""
-    return make_track(
-        stamp, [row if k in seen else [np.nan] * 3 for k, row in enumerate(np.eye(3))]
-    )
+    return make_track(stamp, np.where(np.isin(range(3), seen)[:, None], np.eye(3), np.nan))
 
 
 @pytest.mark.parametrize(
@@ -208,9 +206,7 @@ def test_phases_agree_if_they_begin_at_about_the_same_time(ours, theirs, agree):
 
 
 def test_a_phase_that_only_one_run_has_is_the_first_difference():
-    other = make_run(phases=[(0.0, "wait"), (0.25, "fault")])
-
-    dut = compare(make_run(), other)
+    dut = compare(make_run(), make_run(phases=[(0.0, "wait"), (0.25, "fault")]))
 
     assert [phase.name for phase in dut.phases] == ["wait", "follow", "fault"]
     assert (dut.first.time, dut.first.what, dut.first.phase) == (0.25, PHASE, "wait")
@@ -243,8 +239,7 @@ def test_points_are_judged_while_they_move_the_arm(stamp, same):
 
 
 PHASES = ((0.0, "wait"), (0.25, "approach"), (0.5, "follow"))
-SPEED = 0.2
-"""The usual speed on hardware."""
+SPEED = 0.2  # The usual speed on hardware.
 
 
 def moving(*, speed=0.04, **options):
@@ -310,7 +305,6 @@ def test_velocities_may_come_later_for_a_while_after_points_moved_the_arm(until,
     # At 0.45 s, the points let go 0.15 s or 0.4 s ago; for 0.25 s their effect fades.
     tolerances = dataclasses.replace(PERCEPTION_TOLERANCES.at_speed(SPEED), elsewhere=TOLERANCES)
     phases = [(0.0, "follow"), (until, "retreat")]
-
     runs = [jumping(at, count=20, phases=phases) for at in (15, 16)]
 
     assert compare_runs(*runs, tolerances).same is same

@@ -79,20 +79,6 @@ def test_depth_in_any_encoding(foreign, encoding):
     assert np.abs(got - wanted).max() <= 0.5e-3 + 1e-6
 
 
-def test_depth_of_65535_is_invalid(foreign):
-    def depth(i, time, frame):
-        millimetres = np.rint(1000 * foreign.image(i, stamp=time).depth).astype("<u2")
-        millimetres[3, 4] = 65535
-        return foreign.raw("16UC1", millimetres, time, frame)
-
-    foreign.depth = depth
-
-    got = foreign.load().frames[1].images[0].depth
-
-    assert got[3, 4] == 0.0
-    assert 0.0 < got.max() < 60.0
-
-
 @pytest.mark.parametrize("where", ["calibration", "transform"])
 def test_frames_may_have_a_leading_slash(foreign, where):
     wanted = foreign.load().cameras[0].X_WC

@@ -45,14 +45,6 @@ def test_a_unit_that_is_possible_is_refused_where_the_table_is_known(foreign):
         dut.check_plausible(table_height=0.0)
 
 
-@pytest.mark.parametrize("dtype", ["<u2", "<f4"])
-def test_the_usual_units_are_accepted(foreign, dtype):
-    pixels = MILLIMETRES.astype(dtype) if dtype == "<u2" else (MILLIMETRES / 1000).astype(dtype)
-    showing(foreign, pixels, "16UC1" if dtype == "<u2" else "32FC1")
-
-    foreign.load().check_plausible(table_height=0.0)
-
-
 @pytest.mark.parametrize(
     ("quaternion", "words"),
     [

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from poil_drake.errors import DemonstrationError
@@ -23,13 +24,23 @@ def without(attribute, key):
     return lambda foreign: getattr(foreign, attribute).pop(key)
 
 
-def uncalibrated(foreign):
-    foreign.calibrations["left"].K[0] = 0.0
+def calibrated(**fields):
+    """Returns an edit after which a calibration has other fields."""
+
+    def edit(foreign):
+        foreign.calibrations["left"].MergeFrom(CameraCalibration(**fields))
+        del foreign.calibrations["left"].K[:-9]
+
+    return edit
 
 
 def fisheye(foreign):
     foreign.calibrations["left"].distortion_model = "equidistant"
     foreign.calibrations["left"].D.append(0.1)
+
+
+def one_optical_frame(foreign):
+    foreign.calibrations["right"].frame_id = "left_lens"
 
 
 def zero_quaternion(foreign):
@@ -81,10 +92,14 @@ def showing(kind, encoding, pixels, *, frame_id="", size=None):
         (without("times", "/camera/right/depth"), ["'right' has no topic /camera/right/depth"]),
         (without("times", "/camera/left/image"), ["camera 'left' has no topic /camera/left/image"]),
         (without("calibrations", "left"), ["no topic /camera/left/calibration"]),
-        (uncalibrated, ["/camera/left/calibration", "calibration is invalid"]),
+        (calibrated(K=[0.0] * 9), ["/camera/left/calibration", "is invalid: 32 x 24 pixels"]),
+        (calibrated(K=[30.0, 0, 16, 0, 30, 12, 0, 0, 0]), ["is invalid", "[fx, 0, cx, 0, fy"]),
+        # In shares of the image's width.
+        (calibrated(K=[0.9, 0, 0.5, 0, 0.9, 0.4, 0, 0, 1], width=640), ["K = [0.9,"]),
         (fisheye, ["/camera/left/calibration", "equidistant", "rectified"]),
         (without("transforms", 1), ["'right_lens'", "camera 'right'", "/tf"]),
         (having(transforms=[]), ["'left_lens'", "/tf", "foxglove.FrameTransform"]),
+        (one_optical_frame, ["the cameras left and right have the same frame, 'left_lens'"]),
         (zero_quaternion, ["/tf", "'left_lens'", "quaternion"]),
         (one_frame, ["/camera/left/image", "at least 2 are needed"]),
         (clocks_differ, ["/camera/left/image", "stops 60.00 s before", "clocks"]),

@@ -1,8 +1,5 @@
 import threading
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +10,8 @@ from poil_drake.recording.demonstration import live_recorder
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.live_recorder import (
     LABEL_WAIT,
+    CameraRecord,
     LiveRecorder,
-    missing_images,
 )
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.runtime.output_files import OutputError
@@ -24,23 +21,34 @@ FPS = 30.0
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Callable[..., LiveRecorder]:
-    def make_(**options: object) -> LiveRecorder:
-        cameras = [camera(name) for name in NAMES]
-        return LiveRecorder(tmp_path / "demo.mcap", cameras, {"seed": "7"}, **options)  # type: ignore[arg-type]
-
-    return make_
+def path(tmp_path):
+    return tmp_path / "demo.mcap"
 
 
-def test_images_of_two_threads_come_back_with_their_own_stamps(
-    make: Callable[..., LiveRecorder], tmp_path: Path
-) -> None:
-    dut = make(lossless=True, label_ids={"mug": (3,)}, scenario_text="HangMug: {}")
+@pytest.fixture
+def dut(path):
+    return LiveRecorder(path, [camera(name) for name in NAMES], {})
+
+
+def add_images(dut, camera, *stamps):
+    """Records an image at each of these stamps [s]."""
+    dut.start()
+    for k, stamp in enumerate(stamps):
+        dut.add(camera, image(k, stamp=stamp))
+
+
+def test_images_of_two_threads_come_back_with_their_own_stamps(path):
+    cameras = [camera(name) for name in NAMES]
+    options = {"lossless": True, "label_ids": {"mug": (3,)}, "scenario_text": "HangMug: {}"}
+    dut = LiveRecorder(path, cameras, {"seed": "7"}, **options)
     shift = {"right": 0.0, "left": 0.004}
 
-    def deliver(name: str) -> None:
+    def sent(k, name):
+        return image(k, stamp=1.7e9 + k / FPS + shift[name], labelled=k % 2 == 0)
+
+    def deliver(name):
         for k in range(60):
-            dut.add(name, image(k, stamp=1.7e9 + k / FPS + shift[name], labelled=k % 2 == 0))
+            dut.add(name, sent(k, name))
 
     dut.start()
     threads = [threading.Thread(target=deliver, args=[name]) for name in NAMES]
@@ -51,47 +59,41 @@ def test_images_of_two_threads_come_back_with_their_own_stamps(
     dut.close()
     dut.close()
 
-    loaded = load_demonstration(tmp_path / "demo.mcap")
+    loaded = load_demonstration(path)
     assert len(loaded.frames) == 60
     assert [model.name for model in loaded.cameras] == list(NAMES)
     assert (loaded.metadata["seed"], loaded.scenario_text) == ("7", "HangMug: {}")
     for k, frame in enumerate(loaded.frames):
         for name, found in zip(NAMES, frame.images, strict=True):
-            sent = image(k, stamp=1.7e9 + k / FPS + shift[name], labelled=k % 2 == 0)
-            assert abs(found.stamp - sent.stamp) < 1e-6
-            np.testing.assert_array_equal(found.rgb, sent.rgb)
-            np.testing.assert_array_equal(found.depth, sent.depth)
-            assert (found.label is None) == (sent.label is None)
+            wanted = sent(k, name)
+            assert abs(found.stamp - wanted.stamp) < 1e-6
+            np.testing.assert_array_equal(found.rgb, wanted.rgb)
+            np.testing.assert_array_equal(found.depth, wanted.depth)
+            assert (found.label is None) == (wanted.label is None)
     assert loaded.frames[0].label_ids == {"mug": (3,)}
 
 
-def test_only_images_between_start_and_close_are_recorded(
-    make: Callable[..., LiveRecorder], tmp_path: Path
-) -> None:
-    dut = make()
+def test_only_images_between_start_and_close_are_recorded(dut, path):
     dut.add("left", image(0, stamp=1.0))
-    assert not (tmp_path / "demo.mcap").exists()
+    assert not path.exists()
 
-    dut.start()
-    for stamp in (2.0, 3.0, 4.0):
-        dut.add("left", image(0, stamp=stamp))
+    add_images(dut, "left", 2.0, 3.0, 4.0)
     dut.close()
     dut.add("left", image(0, stamp=5.0))
 
     assert dut.records["left"].stamps == [2.0, 3.0, 4.0]
     assert dut.records["left"].rate == pytest.approx(1.0)
     assert dut.records["right"].stamps == []
+    with path.open("rb") as stream:
+        statistics = make_reader(stream).get_summary().statistics
+    # A calibration, and the pose, colour and depth of each image.
+    assert statistics.message_count == 1 + 3 * 3
 
 
-def test_a_clock_that_went_back_costs_images_that_are_counted(
-    make: Callable[..., LiveRecorder],
-) -> None:
-    dut = make()
+def test_a_clock_that_went_back_costs_images_that_are_counted(dut):
     dut.add("left", image(0, stamp=100.0))
     dut.add("left", image(0, stamp=1.0))  # Before the start, it costs nothing.
-    dut.start()
-    for stamp in (2.0, 3.0, 2.5, 3.0, 4.0):
-        dut.add("left", image(0, stamp=stamp))
+    add_images(dut, "left", 2.0, 3.0, 2.5, 3.0, 4.0)
     dut.close()
 
     record = dut.records["left"]
@@ -106,10 +108,7 @@ def test_a_clock_that_went_back_costs_images_that_are_counted(
         ({0: True}, 4),  # No more come.
     ],
 )
-def test_a_recording_begins_with_labels_if_the_camera_sends_them(
-    make: Callable[..., LiveRecorder], labels: dict[int, bool], first: int
-) -> None:
-    dut = make()
+def test_a_recording_begins_with_labels_if_the_camera_sends_them(dut, labels, first):
     for k in range(6):
         if k == 1:
             dut.start()
@@ -119,22 +118,17 @@ def test_a_recording_begins_with_labels_if_the_camera_sends_them(
     assert dut.records["left"].stamps == [k * LABEL_WAIT / 2.5 for k in range(first, 6)]
 
 
-def test_images_that_a_slow_disk_cannot_take_are_counted(
-    make: Callable[..., LiveRecorder], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_images_that_a_slow_disk_cannot_take_are_counted(dut, monkeypatch):
     go_on = threading.Event()
     write_messages = DemonstrationWriter.write_messages
 
-    def write_slowly(*args: Any, **stamp: float) -> None:
+    def write_slowly(*args, **stamp):
         go_on.wait()
         write_messages(*args, **stamp)
 
     monkeypatch.setattr(DemonstrationWriter, "write_messages", write_slowly)
     monkeypatch.setattr(live_recorder, "_WAITING", 4)
-    dut = make()
-    dut.start()
-    for k in range(20):
-        dut.add("left", image(k, stamp=float(k)))
+    add_images(dut, "left", *range(20))
     go_on.set()
     dut.close()
 
@@ -142,13 +136,12 @@ def test_images_that_a_slow_disk_cannot_take_are_counted(
     # The thread may have taken one image from the queue of four.
     assert len(record.stamps) in (4, 5)
     assert len(record.stamps) + record.lost == 20
-    assert record.stamps == [float(k) for k in range(len(record.stamps))]
+    assert record.stamps == list(range(len(record.stamps)))
 
 
 def test_after_an_error_images_are_counted_as_lost_and_the_rest_stays_readable(
-    make: Callable[..., LiveRecorder], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    dut = make()
+    dut, path, monkeypatch
+):
     dut.start()
     for k in range(120):
         for name in NAMES:
@@ -156,7 +149,7 @@ def test_after_an_error_images_are_counted_as_lost_and_the_rest_stays_readable(
     while len(dut.records[NAMES[-1]].stamps) < 120 and dut.error is None:
         time.sleep(0.001)
 
-    def fail(*args: object, **message: object) -> None:
+    def fail(*args, **message):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("poil_drake.recording.mcap.sink.Writer.add_message", fail)
@@ -166,33 +159,17 @@ def test_after_an_error_images_are_counted_as_lost_and_the_rest_stays_readable(
 
     assert isinstance(dut.error, OSError)
     assert dut.records["left"].lost == 2
-    with (tmp_path / "demo.mcap").open("rb") as stream:
-        assert stream.read()[-8:] != b"\x89MCAP0\r\n"
-    assert len(load_demonstration(tmp_path / "demo.mcap").frames) > 80
+    assert path.read_bytes()[-8:] != b"\x89MCAP0\r\n"
+    assert len(load_demonstration(path).frames) > 80
 
 
-def test_a_closed_file_is_complete(make: Callable[..., LiveRecorder], tmp_path: Path) -> None:
-    dut = make()
-    dut.start()
-    dut.add("left", image(0, stamp=1.0))
-    dut.close()
-
-    with (tmp_path / "demo.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    assert summary.statistics is not None
-    assert summary.statistics.message_count == 4  # Calibration, transform, colour and depth.
-
-
-def test_a_file_that_exists_is_not_touched(
-    make: Callable[..., LiveRecorder], tmp_path: Path
-) -> None:
-    (tmp_path / "demo.mcap").write_text("old")
+def test_a_file_that_exists_is_not_touched(dut, path):
+    path.write_text("old")
 
     with pytest.raises(OutputError, match=r"demo\.mcap' exists already"):
-        make().start()
+        dut.start()
 
-    assert (tmp_path / "demo.mcap").read_text() == "old"
+    assert path.read_text() == "old"
 
 
 @pytest.mark.parametrize(
@@ -206,5 +183,5 @@ def test_a_file_that_exists_is_not_touched(
         ([0.0, 0.09, 0.21, 0.3, 0.41], 0),  # Jitter.
     ],
 )
-def test_gaps_between_stamps_count_as_missing_images(stamps: list[float], count: int) -> None:
-    assert missing_images(np.array(stamps)) == count
+def test_gaps_between_stamps_count_as_missing_images(stamps, count):
+    assert CameraRecord(stamps).missing == count

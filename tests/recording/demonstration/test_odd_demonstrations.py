@@ -94,9 +94,14 @@ def test_an_odd_recording_loads_or_is_refused(foreign, data, kinds):
     calibration.D.extend(sometimes("lens", st.lists(NUMBERS, max_size=6)) or [])
     calibration.distortion_model = "plumb_bob"
 
+    def extra(writer):
+        if sometimes("lens", st.just(True)):
+            topic = "/camera/right/depth_calibration"
+            writer.write_message(topic, calibration, log_time=0, publish_time=0)
+
     refusal, frames = "", []
     try:
-        dut = foreign.load()
+        dut = foreign.load(extra)
         frames = list(dut.frames)
     except DemonstrationError as error:
         refusal = str(error)

@@ -1,7 +1,6 @@
-"""Messages of other tools: ROS's compressed depth, labels of segmenters, and ROS's own fields."""
+"""Messages of other tools: ROS's compressed depth, and labels of segmenters."""
 
 import struct
-from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -11,11 +10,8 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.recording.mcap.message_decoders import (
-    decode_calibration,
-    decode_color,
     decode_depth,
     decode_label,
-    frame_of,
 )
 
 MILLIMETRES = np.uint16([[0, 412, 65535], [1000, 65534, 1]])
@@ -34,6 +30,16 @@ def raw(encoding, pixels):
 
 def png(pixels, *, format_="png", header=b""):
     return CompressedImage(format=format_, data=header + cv2.imencode(".png", pixels)[1].tobytes())
+
+
+def jpeg(pixels):
+    data = cv2.imencode(".jpg", pixels)[1].tobytes()
+    return CompressedImage(format="mono8; jpeg compressed ", data=data)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "mono16"])
+def test_depth_of_0_and_65535_is_invalid(encoding):
+    np.testing.assert_array_equal(decode_depth(raw(encoding, MILLIMETRES)), METRES)
 
 
 @pytest.mark.parametrize("format_", ["16UC1; compressedDepth png", "16UC1; compressedDepth"])
@@ -82,11 +88,18 @@ def test_labels_of_any_integer_type(encoding, dtype):
     np.testing.assert_array_equal(got, label)
 
 
-@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_labels_may_be_png(dtype):
+@pytest.mark.parametrize(
+    ("dtype", "options"),
+    [
+        (np.uint8, {}),
+        (np.uint16, {}),
+        (np.uint16, {"format_": "16UC1; compressedDepth png", "header": bytes(12)}),
+    ],
+)
+def test_labels_may_be_png(dtype, options):
     label = np.array([[0, 3, 7], [200, 1, 0]], dtype)
 
-    np.testing.assert_array_equal(decode_label(png(label)), label)
+    np.testing.assert_array_equal(decode_label(png(label, **options)), label)
 
 
 def test_a_label_that_is_too_large_is_named():
@@ -98,43 +111,12 @@ def test_a_label_that_is_too_large_is_named():
     ("decode", "dut", "words"),
     [
         (decode_label, raw("32FC1", np.zeros((2, 3), "<f4")), "label image.*'32FC1'.*mono8"),
-        (decode_label, png(np.zeros((2, 3, 3), np.uint8)), r"label image has uint8 .*\(2, 3, 3\)"),
-        (decode_depth, png(np.zeros((2, 3), np.uint8)), "depth image has uint8.*16-bit PNG"),
-        (decode_depth, raw("64FC1", np.zeros((2, 3))), "16UC1, mono16 .millimetres. or 32FC1 .m"),
+        (decode_label, png(np.zeros((2, 3, 3), np.uint8)), r"label .* has uint8 .*\(2, 3, 3\)"),
+        (decode_label, jpeg(np.zeros((2, 3), np.uint8)), "label .*'mono8; jpeg compressed '.* PNG"),
+        (decode_depth, png(np.zeros((2, 3), np.uint8)), "depth .* has uint8.*16-bit for depth"),
+        (decode_depth, raw("64FC1", np.zeros((2, 3))), "16UC1, mono16, 32FC1"),
     ],
 )
 def test_other_pixels_are_refused(decode, dut, words):
     with pytest.raises(InvalidValueError, match=words):
         decode(dut)
-
-
-def test_messages_of_ros_are_decoded_by_their_fields():
-    header = SimpleNamespace(frame_id="/lens")
-    dut = SimpleNamespace(
-        header=header,
-        encoding="16UC1",
-        data=np.frombuffer(MILLIMETRES.astype(">u2").tobytes(), np.uint8),
-        height=2,
-        width=3,
-        step=6,
-        is_bigendian=1,
-    )
-    info = SimpleNamespace(
-        header=header,
-        width=3,
-        height=2,
-        k=np.array([30.0, 0, 1, 0, 31.0, 0.5, 0, 0, 1]),
-        d=[0.1, 0.0, 0.0, 0.0],
-        distortion_model="plumb_bob",
-    )
-    compressed = SimpleNamespace(
-        header=header, format="png", data=cv2.imencode(".png", np.full((2, 3, 3), 9, "u1"))[1]
-    )
-
-    calibration = decode_calibration(info)
-
-    np.testing.assert_array_equal(decode_depth(dut), METRES)
-    np.testing.assert_array_equal(calibration.K, [[30, 0, 1], [0, 31, 0.5], [0, 0, 1]])
-    assert calibration.frame_id == frame_of(dut) == "lens"
-    assert calibration.distortion.tolist() == [0.1, 0.0, 0.0, 0.0]
-    np.testing.assert_array_equal(decode_color(compressed), np.full((2, 3, 3), 9))

@@ -1,5 +1,7 @@
 """Bags of two RealSense cameras become demonstrations."""
 
+import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 
@@ -27,6 +29,7 @@ from poil_drake.recording.ros_bag.bag_import import import_ros_bag
 
 COLOR, DEPTH = "/left/color/image_raw", "/left/aligned_depth_to_color/image_raw"
 INFO, FRAME = "/left/color/camera_info", "left_color_optical_frame"
+CAMERAS = {"left": "/left", "right": "/right"}
 
 
 @pytest.fixture
@@ -36,9 +39,8 @@ def recording() -> RosRecording:
 
 def load(recording: RosRecording, folder: Path, **options) -> Demonstration:
     """Writes a bag, imports it and loads the result."""
-    options = {"cameras": {"left": "/left", "right": "/right"}} | options
     bag = recording.write_mcap(folder / "bag.mcap")
-    import_ros_bag(bag, folder / "demo.mcap", **options)
+    import_ros_bag(bag, folder / "demo.mcap", cameras=CAMERAS, **options)
     return load_demonstration(folder / "demo.mcap")
 
 
@@ -82,7 +84,7 @@ def test_bags_of_any_form(recording, tmp_path, form):
         first.write_mcap(bag / "bag_2.mcap")
         (bag / "bag_0.mcap").unlink()
 
-    dut = import_ros_bag(bag, tmp_path / "demo.mcap", cameras={"left": "/left", "right": "/right"})
+    dut = import_ros_bag(bag, tmp_path / "demo.mcap", cameras=CAMERAS)
 
     assert (dut.frames, dut.duration) == (5, 0.5)
     assert dut.topics["/camera/right/depth"] == "/right/aligned_depth_to_color/image_raw"
@@ -90,42 +92,15 @@ def test_bags_of_any_form(recording, tmp_path, form):
 
 
 def test_bags_of_ros_1(recording, tmp_path):
-    from rosbags.rosbag1 import Writer
-    from rosbags.typesys import Stores, get_typestore
-
-    ros1, ros2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
-    ros1.register({"tf2_msgs/msg/TFMessage": ros2.fielddefs["tf2_msgs/msg/TFMessage"]})
-
-    def build(kind, content):
-        fields = {}
-        for name, (node, detail) in ros1.fielddefs[kind][1]:
-            value = content.get(name, content.get(name.lower(), 0))
-            if node == 2:
-                value = build(detail, value or {})
-            elif node != 1 and isinstance(value, bytes):
-                value = np.frombuffer(value, np.uint8)
-            elif node != 1 and detail[0][0] == 2:
-                value = [build(detail[0][1], item) for item in value]
-            elif node != 1:
-                value = np.array(value, dtype=float)
-            fields[name] = value
-        return ros1.types[kind](**fields)
-
-    with Writer(tmp_path / "bag.bag") as writer:
-        connections = {}
-        for topic, time, kind, content in recording.messages:
-            if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=ros1)
-            data = ros1.serialize_ros1(build(kind, content), kind)
-            writer.write(connections[topic], time, data)
-
-    with RosBag(tmp_path / "bag.bag") as dut:
+    recording.write_db3(tmp_path / "bag")
+    program = Path(sys.executable).with_name("rosbags-convert")
+    command = f"{program} --src bag --dst ros1.bag"
+    types = "--src-typestore ros2_humble --dst-typestore ros1_noetic"
+    subprocess.run(f"{command} {types}".split(), cwd=tmp_path, check=True)
+    with RosBag(tmp_path / "ros1.bag") as dut:
         assert f"{COLOR} (5 sensor_msgs/msg/Image in frame '{FRAME}')" in dut.listing()
-    import_ros_bag(
-        tmp_path / "bag.bag",
-        tmp_path / "demo.mcap",
-        cameras={"left": "/left", "right": "/right"},
-    )
+
+    import_ros_bag(tmp_path / "ros1.bag", tmp_path / "demo.mcap", cameras=CAMERAS)
 
     check_small_frames(load_demonstration(tmp_path / "demo.mcap"), recording)
 
@@ -212,7 +187,7 @@ def raw_depth(recording: RosRecording) -> None:
     frame, X_CD = "left_depth_optical_frame", np.eye(4)
     X_CD[0, 3] = 0.015
     recording.add("/tf_static", 0, transforms(recording.start, (FRAME, frame, X_CD)))
-    recording.edit(DEPTH, lambda old: old | {"header": old["header"] | {"frame_id": frame}})
+    recording.set_frame(DEPTH, frame)
     recording.rename(DEPTH, "/left/depth/image_rect_raw")
     K_D = K * [[0.8], [0.8], [1.0]]
     info = camera_info(K_D, (WIDTH, HEIGHT), recording.start, frame)
@@ -223,8 +198,12 @@ def raw_depth(recording: RosRecording) -> None:
 
 
 @pytest.mark.parametrize("posed", [False, True])
-def test_raw_depth_is_registered(recording, tmp_path, posed):
+@pytest.mark.parametrize("named", [False, True])
+def test_raw_depth_is_registered(recording, tmp_path, posed, named):
     raw_depth(recording)
+    if not named:  # The frames are those of the images.
+        for topic in (INFO, "/left/depth/camera_info"):
+            recording.set_frame(topic, "")
     poses = {name: camera(name).X_WC for name in ("left", "right")} if posed else None
 
     dut = load(recording, tmp_path, poses=poses)
@@ -263,9 +242,7 @@ def test_another_frame_can_be_the_world(recording, tmp_path):
 def test_given_poses_replace_the_transforms(recording, tmp_path):
     # As with drivers that were all started with the default name.
     for topic in (INFO, INFO.replace("left", "right")):
-        recording.edit(
-            topic, lambda info: info | {"header": info["header"] | {"frame_id": "color_frame"}}
-        )
+        recording.set_frame(topic, "color_frame")
     poses = {"left": camera("over there").X_WC, "right": camera("elsewhere").X_WC}
 
     dut = load(recording, tmp_path, poses=poses)

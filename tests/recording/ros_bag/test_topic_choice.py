@@ -32,109 +32,77 @@ class FakeBag:
         return f"The bag holds {len(self.topics)} topics."
 
 
-REALSENSE = FakeBag(
-    images=[
-        "/left/color/image_raw",
-        "/left/depth/image_rect_raw",
-        "/left/aligned_depth_to_color/image_raw",
-        "/left/aligned_depth_to_infra1/image_raw",
-        "/left/infra1/image_rect_raw",
-    ],
-    infos=[
-        "/left/color/camera_info",
-        "/left/depth/camera_info",
-        "/left/aligned_depth_to_color/camera_info",
-        "/left/infra1/camera_info",
-    ],
+def bag_below(prefix: str, **names: str) -> FakeBag:
+    """Returns a bag with topics by kind, whose names below the prefix are separated by spaces."""
+    return FakeBag(
+        **{kind: [f"{prefix}/{n}" for n in text.split()] for kind, text in names.items()}
+    )
+
+
+REALSENSE = bag_below(
+    "/left",
+    images="color/image_raw depth/image_rect_raw infra1/image_rect_raw "
+    "aligned_depth_to_color/image_raw aligned_depth_to_infra1/image_raw",
+    infos="color/camera_info depth/camera_info infra1/camera_info "
+    "aligned_depth_to_color/camera_info",
 )
-RAW_DEPTH = FakeBag(
-    images=["/left/color/image_raw", "/left/depth/image_rect_raw"],
-    infos=["/left/color/camera_info", "/left/depth/camera_info"],
+RAW_DEPTH = bag_below(
+    "/left",
+    images="color/image_raw depth/image_rect_raw",
+    compressed="color/image_raw/compressed depth/image_rect_raw/compressedDepth",
+    infos="color/camera_info depth/camera_info",
 )
-COMPRESSED = FakeBag(
-    images=["/left/color/image_raw"],
-    compressed=[
-        "/left/color/image_raw/compressed",
-        "/left/color/image_raw/compressedDepth",
-        "/left/aligned_depth_to_color/image_raw/compressedDepth",
-    ],
-    infos=["/left/color/camera_info"],
+COMPRESSED = bag_below(
+    "/left",
+    compressed="color/image_raw/compressed color/image_raw/compressedDepth "
+    "aligned_depth_to_color/image_raw/compressed "
+    "aligned_depth_to_color/image_raw/compressedDepth",
+    infos="color/camera_info",
 )
-ZED = FakeBag(
-    images=[
-        "/zed/zed_node/rgb/image_rect_color",
-        "/zed/zed_node/left/image_rect_color",
-        "/zed/zed_node/depth/depth_registered",
-        "/zed/zed_node/confidence/confidence_map",
-    ],
-    infos=["/zed/zed_node/rgb/camera_info", "/zed/zed_node/depth/camera_info"],
+ZED = bag_below(
+    "/zed/zed_node",
+    images="rgb/image_rect_color left/image_rect_color depth/depth_registered "
+    "confidence/confidence_map",
+    infos="rgb/camera_info depth/camera_info",
 )
-AZURE = FakeBag(
-    images=["/rgb/image_raw", "/depth/image_raw", "/depth_to_rgb/image_raw", "/ir/image_raw"],
-    infos=["/rgb/camera_info", "/depth_to_rgb/camera_info", "/depth/camera_info"],
+AZURE = bag_below(
+    "",
+    images="rgb/image_raw depth/image_raw depth_to_rgb/image_raw ir/image_raw",
+    infos="rgb/camera_info depth_to_rgb/camera_info depth/camera_info",
 )
-OPENNI = FakeBag(
-    images=[
-        "/camera/rgb/image_raw",
-        "/camera/depth/image_raw",
-        "/camera/depth_registered/image_raw",
-        "/camera/sam/mask",
-    ],
-    infos=["/camera/rgb/camera_info", "/camera/depth_registered/camera_info"],
+OPENNI = bag_below(
+    "/camera",
+    images="rgb/image_raw depth/image_raw depth_registered/image_raw sam/mask",
+    infos="rgb/camera_info depth_registered/camera_info",
 )
 
 
 @pytest.mark.parametrize(
-    ("bag", "prefix", "wanted"),
+    ("bag", "prefix", "image", "depth", "others"),
     [
+        (REALSENSE, "/left", "color/image_raw", "aligned_depth_to_color/image_raw", {}),
         (
-            REALSENSE,
-            "/left",
-            ["color/image_raw", "aligned_depth_to_color/image_raw", "color/camera_info"],
+            *(RAW_DEPTH, "left/", "color/image_raw", "depth/image_rect_raw"),
+            {"depth_calibration": "depth/camera_info"},
         ),
         (
-            RAW_DEPTH,
-            "left/",
-            [
-                *("color/image_raw", "depth/image_rect_raw", "color/camera_info"),
-                "depth/camera_info",
-            ],
+            *(COMPRESSED, "/left", "color/image_raw/compressed"),
+            *("aligned_depth_to_color/image_raw/compressedDepth", {}),
         ),
-        (
-            COMPRESSED,
-            "/left",
-            [
-                *("color/image_raw", "aligned_depth_to_color/image_raw/compressedDepth"),
-                "color/camera_info",
-            ],
-        ),
-        (
-            ZED,
-            "/zed/zed_node",
-            ["rgb/image_rect_color", "depth/depth_registered", "rgb/camera_info"],
-        ),
-        (AZURE, "/", ["rgb/image_raw", "depth_to_rgb/image_raw", "rgb/camera_info"]),
-        (
-            OPENNI,
-            "/camera",
-            [
-                *("rgb/image_raw", "depth_registered/image_raw", "rgb/camera_info", None),
-                "sam/mask",
-            ],
-        ),
+        (ZED, "/zed/zed_node", "rgb/image_rect_color", "depth/depth_registered", {}),
+        (AZURE, "/", "rgb/image_raw", "depth_to_rgb/image_raw", {}),
+        (OPENNI, "/camera", "rgb/image_raw", "depth_registered/image_raw", {"label": "sam/mask"}),
     ],
     ids=["RealSense", "raw depth", "compressed", "ZED", "Azure Kinect", "OpenNI"],
 )
-def test_topics_of_drivers(bag, prefix, wanted):
-    kinds = ("image", "depth", "calibration", "depth_calibration", "label")
+def test_topics_of_drivers(bag, prefix, image, depth, others):
+    calibration = f"{image.split('/')[0]}/camera_info"
+    wanted = {"image": image, "depth": depth, "calibration": calibration} | others
 
     dut = choose_topics(bag, {"top": prefix}, {})
 
-    assert dut == {
-        f"/camera/top/{kind}": "/" + f"{prefix.strip('/')}/{topic}".lstrip("/")
-        for kind, topic in zip(kinds, wanted, strict=False)
-        if topic
-    }
+    below = f"/{prefix.strip('/')}/".replace("//", "/")
+    assert dut == {f"/camera/top/{kind}": f"{below}{topic}" for kind, topic in wanted.items()}
 
 
 def test_given_topics_replace_guesses():

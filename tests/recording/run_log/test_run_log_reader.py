@@ -119,7 +119,7 @@ def test_images_of_another_size_are_refused(path):
         write_images(log, 0.25)
     other = CameraModel("left", 16, 12, CAMERA.K, np.eye(4))
 
-    with pytest.raises(RunLogError, match="32 x 24 pixels, but the scenario's camera 'left'"):
+    with pytest.raises(RunLogError, match="32 x 24 pixels instead of 16 x 12"):
         load(path).image_reader(other)(0)
 
 

@@ -9,6 +9,8 @@ from pydrake.geometry import Role
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
+from trimesh.visual import TextureVisuals
+from trimesh.visual.material import SimpleMaterial
 
 import poil_drake.models
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
@@ -34,15 +36,21 @@ SDF = """<sdf version="1.9"><model name="one"><link name="all">
 def one_mesh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A model of mug_a whose body and handle are one mesh, in millimetres."""
     folder = tmp_path_factory.mktemp("one_mesh")
-    pieces = [
-        trimesh.load(MUG / f"mug_a_{part}.obj", force="mesh", process=False)
-        for part in ("body", "handle")
-    ]
-    mesh = trimesh.util.concatenate(pieces)
-    mesh.vertices *= 1000.0
+    mesh = trimesh.util.concatenate(pieces())
     mesh.export(folder / "all.obj", include_normals=True)
     (folder / "one.sdf").write_text(SDF)
     return folder / "one.sdf"
+
+
+def pieces() -> list[trimesh.Trimesh]:
+    """Returns the body and the handle of mug_a [mm]."""
+    found = [
+        trimesh.load(MUG / f"mug_a_{part}.obj", force="mesh", process=False)
+        for part in ("body", "handle")
+    ]
+    for piece in found:
+        piece.vertices *= 1000.0
+    return found
 
 
 def images(file: Path, handle: str) -> tuple[np.ndarray, np.ndarray]:
@@ -67,6 +75,22 @@ def test_a_region_is_labelled_as_a_part_and_keeps_its_looks(one_mesh: Path) -> N
     assert (expected.sum(axis=(1, 2)) > 100).all()
     whole, _ = images(one_mesh, "all")
     assert (colours != whole).any(axis=3).mean() < 1e-3
+
+
+@pytest.mark.render
+def test_a_mesh_of_two_materials_keeps_their_colours(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    for piece, diffuse in zip(pieces(), ([230, 26, 26, 255], [26, 26, 230, 255]), strict=True):
+        piece.visual = TextureVisuals(material=SimpleMaterial(diffuse=diffuse))
+        scene.add_geometry(piece)
+    scene.export(tmp_path / "all.obj", include_normals=True)
+    (tmp_path / "one.sdf").write_text(SDF)
+
+    colours, handles = images(tmp_path / "one.sdf", "!PartRegion {lower: [0.0445, -.inf, -.inf]}")
+
+    whole, _ = images(tmp_path / "one.sdf", "all")
+    assert np.median(whole[handles], axis=0)[2] > 100
+    np.testing.assert_allclose(colours[handles].mean(axis=0), whole[handles].mean(axis=0), atol=15)
 
 
 def test_the_targets_part_is_told_apart_from_the_demonstrations(one_mesh: Path) -> None:
