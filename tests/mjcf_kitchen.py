@@ -1,55 +1,18 @@
 """A user's own mug, rack and scenario in a folder, as MJCF and YAML."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
-
-RADIUS, HEIGHT, WALL = 0.039, 0.095, 0.004
-"""Dimensions of the mug's body [m]."""
+from bare_mugs import write_bare_mug
 
 
 def write_kitchen(folder: Path) -> Path:
     """Writes models and scenario into a folder and returns the scenario file."""
-    (folder / "mug.xml").write_text(_mug())
+    write_bare_mug(folder, shapes="boxes", height=0.095)
     (folder / "rack.xml").write_text(_rack())
     scenario = folder / "kitchen.yaml"
     scenario.write_text(_SCENARIO)
     return scenario
-
-
-def _mug() -> str:
-    sides = 14
-    width = 2 * (RADIUS + WALL / 2) * np.tan(np.pi / sides)
-    geoms = [
-        f'<geom name="mug_wall_{i}" type="box" size="{WALL / 2} {width / 2:.5f} {HEIGHT / 2}" '
-        f'pos="{RADIUS * np.cos(a):.5f} {RADIUS * np.sin(a):.5f} {HEIGHT / 2}" '
-        f'euler="0 0 {np.degrees(a):.3f}" rgba="{0.9 if i % 2 else 0.15} 0.55 0.2 1" mass="0.012"/>'
-        for i, a in enumerate(2 * np.pi * np.arange(sides) / sides)
-    ]
-    geoms.append(
-        f'<geom name="mug_floor" type="cylinder" size="{RADIUS} 0.002" pos="0 0 0.002" '
-        'rgba="0.9 0.55 0.2 1" mass="0.03"/>'
-    )
-    # A handle of straight bars around an opening of 32 mm by 48 mm.
-    corners = [(0.0, 0.072), (0.026, 0.078), (0.038, 0.066), (0.038, 0.034), (0.026, 0.022)]
-    corners.append((0.0, 0.028))
-    for i, (a, b) in enumerate(itertools.pairwise(corners)):
-        (x0, z0), (x1, z1) = a, b
-        geoms.append(
-            f'<geom name="mug_handle_{i}" type="capsule" size="0.0045" mass="0.008" '
-            f'fromto="{RADIUS + x0:.5f} 0 {z0} {RADIUS + x1:.5f} 0 {z1}" rgba="0.2 0.2 0.8 1"/>'
-        )
-    body = "\n      ".join(geoms)
-    return f"""<mujoco model="users_mug">
-  <worldbody>
-    <body name="cup">
-      <freejoint/>
-      {body}
-    </body>
-  </worldbody>
-</mujoco>
-"""
 
 
 def _rack() -> str:
@@ -128,7 +91,7 @@ Kitchen:
   poil:
     object: mug
     part: handle
-    parts: { handle: "mug_handle_.*" }
+    parts: { handle: "handle_.*" }
     demonstration_object: mug.xml
     demonstration_motion: { hanging: { rod: "rod_.*" } }
 """

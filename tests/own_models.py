@@ -17,11 +17,7 @@ HANDLE: tuple[Bar, ...] = (
 """Name, centre and size [m] of each bar, in the mug's frame."""
 
 
-PACKAGE_MUG = (
-    "{add_model: {name: mug, file: 'package://poil_drake/mugs/mug_a/mug_a.sdf', "
-    "default_free_body_pose: {body: {translation: [0.47, -0.12, 0.0]}}}}"
-)
-"""A directive that adds a mug of the package."""
+PACKAGE_MUG = "package://poil_drake/mugs/mug_a/mug_a.sdf"
 
 
 def urdf_mug(links: str = "body handle", *, root: str = "", inertial: bool = True) -> str:
@@ -106,38 +102,45 @@ def mjcf_file(*bodies: str) -> str:
     return f'<mujoco model="own"><worldbody>{"".join(bodies)}</worldbody></mujoco>'
 
 
+def add_mug(
+    file: str | Path = PACKAGE_MUG,
+    *,
+    name: str = "mug",
+    pose_of: str = "body",
+    pose: str = "translation: [0.47, -0.12, 0.0], rotation: !Rpy {deg: [0, 0, 30]}",
+) -> str:
+    """Returns a directive that adds a mug, with a default pose for a link unless this is empty."""
+    poses = f"{{'{pose_of}': {{{pose}}}}}" if pose_of else "{}"
+    return f"{{add_model: {{name: {name}, file: '{file}', default_free_body_pose: {poses}}}}}"
+
+
 def own_scenario(
     *,
-    mug: Path | None = None,
+    mug: str | Path = PACKAGE_MUG,
     pose_of: str = "body",
-    rack: str = "package://poil_drake/fixtures/rack.sdf",
+    rack: str | Path = "package://poil_drake/fixtures/rack.sdf",
     weld_rack: str = "rack::stand",
     more: str = "",
     poil: str = "",
 ) -> str:
-    """Returns the text of a scenario, for `ChooseScenario(data=...)`, with the user's models."""
-    pose = "{translation: [0.47, -0.12, 0.0], rotation: !Rpy {deg: [0, 0, 30]}}"
+    """Returns the text of a scenario, for `ChooseScenario(data=...)`, with the user's models.
+
+    `more` holds further directives. An empty mug or rack is left out, as is an empty weld.
+    """
+    place = "{translation: [0.55, 0.30, 0.0]}"
     directives = [
         "{add_model: {name: table, file: 'package://poil_drake/fixtures/table.sdf'}}",
         "{add_weld: {parent: world, child: 'table::table'}}",
-    ]
-    if rack:
-        directives.append(f"{{add_model: {{name: rack, file: '{rack}'}}}}")
-    if weld_rack:
-        X_PC = "{translation: [0.55, 0.30, 0.0]}"
-        directives.append(f"{{add_weld: {{parent: world, child: '{weld_rack}', X_PC: {X_PC}}}}}")
-    directives += [
         "{add_model: {name: panda, file: 'package://poil_drake_panda/panda.urdf'}}",
         "{add_weld: {parent: world, child: 'panda::panda_link0'}}",
+        rack and f"{{add_model: {{name: rack, file: '{rack}'}}}}",
+        weld_rack and f"{{add_weld: {{parent: world, child: '{weld_rack}', X_PC: {place}}}}}",
+        mug and add_mug(mug, pose_of=pose_of),
+        more,
     ]
-    if mug is not None:
-        poses = f"{{'{pose_of}': {pose}}}" if pose_of else "{}"
-        directives.append(
-            f"{{add_model: {{name: mug, file: '{mug}', default_free_body_pose: {poses}}}}}"
-        )
+    if mug:
         poil = f"demonstration_object: '{mug}', {poil}"
-    text = ", ".join([*directives, *([more] if more else [])])
-    return f"{{directives: [{text}], poil: {{{poil}}}}}"
+    return f"{{directives: [{', '.join(filter(None, directives))}], poil: {{{poil}}}}}"
 
 
 def _urdf_shape(name: str, center: Sequence[float], shape: str) -> str:

@@ -1,7 +1,7 @@
 """Part detectors: their protocol, and the detectors by name."""
 
 import difflib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -81,10 +81,14 @@ class LabelImageDetector:
         )
         needed = _MIN_COARSE_PIXELS if coarse else _MIN_PART_PIXELS
         if seen < needed:
+            labels = [image.label for image in frame.images if image.label is not None]
+            found = sorted({int(n) for label in labels for n in np.unique(label)})
+            others = f" The part has the label {_text(part_ids)}; there are {_text(found[:10])}."
             raise DetectionError(
                 f"The views show only {seen} pixels of the part '{part_label}' of "
-                f"'{object_label}', but {needed} are needed.",
-                remedy="Turn the object, add a camera that sees the part, or move a camera nearer.",
+                f"'{object_label}', but {needed} are needed.{'' if seen else others}",
+                remedy="Turn the object, add a camera that sees the part, move a camera nearer, or "
+                "use images of more pixels.",
             )
         return PartMasks(
             object_masks=tuple(_mask(image, object_ids) for image in frame.images),
@@ -113,6 +117,10 @@ def _mask(image: RgbdImage, ids: tuple[int, ...]) -> np.ndarray:
     if image.label is None:
         return np.zeros(image.depth.shape, dtype=bool)
     return np.isin(image.label, ids)
+
+
+def _text(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def _ids(frame: MultiViewFrame, label: str) -> tuple[int, ...]:

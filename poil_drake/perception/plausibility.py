@@ -34,9 +34,9 @@ _UNIT_REMEDY = (
     "!OpenCvStreams, set its depth_scale in poil.hardware.cameras to one step [m]."
 )
 _POSE_REMEDY = (
-    "Give the pose of the optical frame (z into the image, x right, y down) in the world, e.g. of "
-    "camera_color_optical_frame: in a recording by the frame_id of its calibration, in a scenario "
-    "by the camera's X_PB."
+    "Give the pose [m] of the optical frame (z into the image, x right, y down) in the world, e.g. "
+    "of camera_color_optical_frame: in a recording by the frame_id of its calibration, in a "
+    "scenario by the camera's X_PB."
 )
 
 
@@ -129,7 +129,8 @@ def _check_all(views: Sequence[tuple[CameraModel, np.ndarray]], table: float) ->
             f"No camera sees the table at {table:g} m. {share:.0%} of all points are about "
             f"{height:.2f} m high.",
             remedy="Set poil.table_height to the height of the surface on which the objects stand, "
-            "or correct the poses of the cameras.",
+            "or correct the poses of the cameras, or their calibrations if these are of images of "
+            "another size.",
         )
 
 
@@ -137,11 +138,16 @@ def _other_poses(camera: CameraModel) -> list[tuple[np.ndarray, str]]:
     """Returns the pose X_WC of the optical frame for each mistake in giving it, and the mistake."""
     x_forward, y_up, X_WC = np.eye(4), np.diag([1.0, -1.0, -1.0, 1.0]), camera.X_WC
     x_forward[:3, :3] = [[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
-    return [
+    poses = [
         (X_WC @ x_forward, "its pose is that of a link (x forward, z up), not the optical frame"),
         (X_WC @ y_up, "its pose follows OpenGL (z backward, y up), not the optical frame"),
         (inverse(X_WC), "its pose is that of the world in the camera, not the reverse"),
     ]
+    if np.max(np.abs(X_WC[:3, 3])) > _LARGEST_DEPTH:
+        millimetres = X_WC.copy()
+        millimetres[:3, 3] /= 1000.0
+        poses.append((millimetres, "the position of its pose is in millimetres, not in metres"))
+    return poses
 
 
 def _heights(points: np.ndarray, X_WC: np.ndarray) -> np.ndarray:

@@ -83,7 +83,7 @@ def require_similar_size(source: PartView, target: PartView) -> None:
     ratio = sizes[1] / sizes[0]
     if not _SMALLEST <= ratio <= _LARGEST:
         raise TransferError(
-            f"The target object looks {ratio:.2g} times as large as the demonstrated one; the "
+            f"The target object looks {ratio:.3g} times as large as the demonstrated one; the "
             f"motion can be transferred to {_SMALLEST} to {_LARGEST} times its size.",
             remedy="Demonstrate with an object of about the target's size (poil.demonstration or "
             "poil.demonstration_object), and check that the detector's masks show just the object.",

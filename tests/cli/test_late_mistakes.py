@@ -34,7 +34,7 @@ poil:
 
 
 def test_a_part_that_no_camera_sees(command: Command, demonstration: Path, tmp_path: Path) -> None:
-    behind = "randomization: {models: [], x: [-0.5, -0.5], y: [-0.3, -0.3]}"
+    behind = "randomization: {models: [], x: [1.0, 1.0], y: [-0.7, -0.7]}"
     text = f"{{poil: {{demonstration: {demonstration}, {behind}}}}}"
 
     dut = command("run", "--no-meshcat", "--seed", "0", "--scenario_text", text)

@@ -85,10 +85,11 @@ def test_a_tall_mug_is_hung_in_a_users_own_kitchen_verb_by_verb(
 ) -> None:
     kitchen = write_kitchen(tmp_path)
     # The scene's mug has another size than the demonstrated one, and no contact properties.
-    write_bare_mug(tmp_path / "tall", file_format="xml", shapes="meshes", height=0.13)
+    (tmp_path / "tall").mkdir()
+    write_bare_mug(tmp_path / "tall", shapes="meshes", height=0.13)
     text = kitchen.read_text()
     for old, new in (
-        ("      file: mug.xml\n", "      file: tall/mug.xml\n"),
+        ("      file: mug.xml\n", "      file: tall/mug.sdf\n"),
         ('"mug_handle_.*" }\n', '"(mug_)?handle_.*" }\n    collision: decompose\n'),
     ):
         assert text.count(old) == 1

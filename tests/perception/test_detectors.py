@@ -80,6 +80,11 @@ def test_a_part_of_too_few_pixels_is_not_seen() -> None:
         detect([label_image(40), label_image(19)])
 
 
+def test_other_labels_than_the_parts_are_listed() -> None:
+    with pytest.raises(DetectionError, match=r"0 pixels.*has the label 4; there are 0, 255\."):
+        detect([np.where(label_image(70) == 4, 255, 0)])
+
+
 def test_fewer_coarse_pixels_are_enough() -> None:
     assert detect([label_image(15)], camera=COARSE).part_masks[0].sum() == 15
     with pytest.raises(DetectionError, match=r"14 pixels.* 15 are needed"):

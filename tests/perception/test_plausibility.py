@@ -96,6 +96,15 @@ def test_a_pose_that_is_inverted_is_named(elevation):
         check_plausible(frame((np.linalg.inv(X_WC), depth)), table_height=0.0)
 
 
+@pytest.mark.parametrize("elevation", [-60.0, -30.0])
+def test_a_pose_in_millimetres_is_named(elevation):
+    X_WC, depth = view(elevation)
+    X_WC[:3, 3] *= 1000.0
+
+    with pytest.raises(CaptureError, match=r"Camera 'left' .*pose is in millimetres"):
+        check_plausible(frame((X_WC, depth)), table_height=0.0)
+
+
 @pytest.mark.parametrize(
     ("ratio", "table", "words"),
     [

@@ -4,15 +4,13 @@ import numpy as np
 
 from poil_drake.diagrams.demonstration.motion import KeyframeMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.penetrations import START_TOLERANCE
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import DetectionError, ScenarioError, TransferError
 from poil_drake.geometry.depth_image import pixel_size
 from poil_drake.perception.detectors import LabelImageDetector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.transfer.part_points import sample_part_points, view_part
-
-_TOLERANCE = 0.005
-"""How deep the object may be inside another, or how far above its support it may start [m]."""
 
 
 def CheckMotion(
@@ -35,30 +33,36 @@ def CheckMotion(
     if not scene.has_collision_geometry:
         return
     if poil.demonstration_motion.keyframes:
-        remedy = "Change poil.demonstration_motion.keyframes."
+        remedy = later = "Change poil.demonstration_motion.keyframes."
     else:
+        later = (
+            "Use a smaller object (poil.demonstration_object) or a higher fixture, move what is in "
+            "the way, or set poil.demonstration_motion.keyframes."
+        )
         remedy = (
             "Set poil.table_height to the height of the surface on which objects stand, and "
             "poil.demonstration_motion.hanging.start to a free place on it."
         )
     lowered = motion.pose(0.0)
-    lowered[2, 3] -= _TOLERANCE
+    lowered[2, 3] -= START_TOLERANCE
     if not scene.penetrations(lowered):
         raise ScenarioError(
             f"The demonstration's object starts in the air, with its frame at "
-            f"{_text(motion.pose(0.0))}: nothing is within {1000 * _TOLERANCE:.0f} mm below it.",
+            f"{_text(motion.pose(0.0))}: nothing is within {1000 * START_TOLERANCE:.0f} mm below "
+            "it.",
             remedy=remedy,
         )
     for time in times.tolist():
         for found in scene.penetrations(motion.pose(time)):
-            may_hang = found.model == scene.fixture_name and (time > 0.0 or found.is_mesh)
-            if found.depth <= _TOLERANCE or may_hang:
+            is_fixture = found.geometry.startswith(f"{scene.fixture_name}::")
+            may_hang = is_fixture and (time > 0.0 or found.is_mesh)
+            if found.depth <= START_TOLERANCE or may_hang:
                 continue
             raise ScenarioError(
-                f"The demonstration's object is inside '{found.model}::{found.name}' "
+                f"The demonstration's object is inside '{found.geometry}' "
                 f"{f'{time:.2f} s after its start' if time else 'at its start'}, with its frame at "
                 f"{_text(motion.pose(time))}.",
-                remedy=remedy,
+                remedy=later if time else remedy,
             )
 
 

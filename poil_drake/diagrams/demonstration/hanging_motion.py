@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.math import RotationMatrix
 
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
-from poil_drake.diagrams.scenario.poil_config import HangingMotionConfig
+from poil_drake.diagrams.scenario.demonstration_config import HangingMotionConfig
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform
 

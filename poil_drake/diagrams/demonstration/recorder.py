@@ -8,8 +8,8 @@ from poil_drake.diagrams.demonstration.checks import CheckMotion, CheckView
 from poil_drake.diagrams.demonstration.hanging_motion import hanging_keyframes
 from poil_drake.diagrams.demonstration.motion import KeyframeMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.scenario.demonstration_config import DemonstrationMotionConfig
 from poil_drake.diagrams.scenario.load import DumpScenario
-from poil_drake.diagrams.scenario.poil_config import DemonstrationMotionConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
 from poil_drake.recording.demonstration.writer import DemonstrationWriter

@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
-from pydrake.geometry import CalcObb, Mesh, QueryObject, Role, SceneGraph
+from pydrake.geometry import CalcObb, QueryObject, Role, SceneGraph
 from pydrake.lcm import DrakeLcmParams
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import AddModel, ModelDirective, Parser
@@ -21,10 +20,9 @@ from poil_drake.diagrams.demonstration.directives import (
 )
 from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
-from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
+from poil_drake.diagrams.scenario.model_checks import CheckModels
 from poil_drake.diagrams.scenario.model_parts import (
     BaseBody,
-    BodiesByModel,
     CollisionGeometries,
     GeometryChoices,
     ModelBodies,
@@ -40,6 +38,7 @@ from poil_drake.diagrams.scenario.models import (
     FlatDirectives,
     SetInitialPositions,
 )
+from poil_drake.diagrams.scenario.penetrations import Penetration, Penetrations
 from poil_drake.diagrams.scenario.scenario import NO_NETWORK, Scenario
 from poil_drake.diagrams.station.cameras.cameras import AddCameras
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
@@ -50,22 +49,6 @@ from poil_drake.robots.panda import BASE_LINK
 _STAND_IN = "demonstrated_object"
 
 _FAR_BELOW = 1e5  # [m]; distances from so far below are heights
-
-
-class Penetration(NamedTuple):
-    """A geometry that the object is inside.
-
-    Attributes:
-        depth: How deep [m].
-        model: The geometry's model, e.g. the fixture.
-        name: The geometry's name, without the model's scope.
-        is_mesh: Whether it is a mesh, which counts as its convex hull.
-    """
-
-    depth: float
-    model: str
-    name: str
-    is_mesh: bool
 
 
 class DemonstrationScene:
@@ -124,10 +107,7 @@ class DemonstrationScene:
             for name, ids in label_ids.items()
         }
         FinishModels(self._plant, directives)
-        RequireFreeObject(self._plant, self.object_name)
-        inspector = self._scene_graph.model_inspector()
-        RequireObjectSize(self._plant, inspector, self.object_name)
-        RequireStartWithinLimits(self._plant)
+        CheckModels(self._plant, self._scene_graph.model_inspector(), self.object_name)
         self._cameras: tuple[CameraModel, ...] = ()
         if cameras:
             # The cameras' configuration names buses, but a recording is not published.
@@ -223,19 +203,8 @@ class DemonstrationScene:
     def penetrations(self, X_WO: np.ndarray) -> list[Penetration]:
         """Puts the object at X_WO; returns what it is inside."""
         self.put_object(X_WO)
-        own = {g.id for g in self._collision_geometries(self.object_name, ".*")}
-        models = BodiesByModel(self._plant, (self.object_name, self.fixture_name))
-        owners = {body: model for model, bodies in models.items() for body in bodies}
-        inspector, found = self._scene_graph.model_inspector(), []
-        for pair in self._query().ComputePointPairPenetration():
-            if (pair.id_A in own) != (pair.id_B in own):
-                other = pair.id_B if pair.id_A in own else pair.id_A
-                body = self._plant.GetBodyFromFrameId(inspector.GetFrameId(other))
-                model = owners.get(body.index(), "world")
-                name = inspector.GetName(other).split("::")[-1]
-                is_mesh = isinstance(inspector.GetShape(other), Mesh)
-                found.append(Penetration(pair.depth, model, name, is_mesh))
-        return found
+        name, fixture = self.object_name, self.fixture_name
+        return Penetrations(self._plant, self._query(), name, fixture=fixture)
 
     def _query(self) -> QueryObject:
         return self._diagram.GetOutputPort("query_object").Eval(self._context)

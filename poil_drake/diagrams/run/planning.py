@@ -10,7 +10,7 @@ from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, RequireFreeStart
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import WorkspaceCheck
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
@@ -56,6 +56,7 @@ def PlanScenario(
         with MakeStation(
             scenario, hardware=hardware, dry_run=True, ignore_output_delay=True
         ) as station:
+            RequireFreeStart(station)
             context = station.CreateDefaultContext()
             frame = CaptureFrame(station, context, labels=True)
             q_start = station.ArmPosition(context)

@@ -30,6 +30,7 @@ from poil_drake.diagrams.station.hardware.panda_hardware import COMMAND_SHARE
 from poil_drake.diagrams.station.station import (
     HardwareStation,
     MakeStation,
+    RequireFreeStart,
     RequireLabels,
     SimulatedStation,
 )
@@ -92,6 +93,7 @@ def RunSkill(
             raise ground_truth_error()
         station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
         RequireLabels(station)
+        RequireFreeStart(station)
         if hardware:
             with station:
                 pass  # Raises an error if the robot or a camera is missing.

@@ -1,16 +1,15 @@
 """Ground truth of a simulated run: the object's pose, and whether it hangs on its fixture."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import GeometryId, SceneGraphInspector
+from pydrake.geometry import SceneGraphInspector
 from pydrake.multibody.plant import ContactResults, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import Context
 
-from poil_drake.diagrams.scenario.model_parts import BodiesByModel, CollisionGeometries, LinkName
+from poil_drake.diagrams.scenario.model_parts import CollisionGeometries
+from poil_drake.diagrams.scenario.penetrations import WORLD, ScopedNames
 from poil_drake.diagrams.station.station import SimulatedStation
 
 _LONGEST_FLIGHT = 0.1
@@ -34,8 +33,7 @@ def TouchedGeometries(
         model: The model, see `ModelBodies`. Contacts within the model are ignored.
         fixture: A model whose name is the scope of its geometries, even if it is part of another.
     """
-    bodies = BodiesByModel(plant, [name for name in (model, fixture) if name])
-    owners = {body: name for name, found in bodies.items() for body in found}
+    names = ScopedNames(plant, inspector, (model, fixture))
     pairs = []
     for i in range(contact_results.num_point_pair_contacts()):
         point = contact_results.point_pair_contact_info(i).point_pair()
@@ -45,22 +43,11 @@ def TouchedGeometries(
         pairs.append((surface.id_M(), surface.id_N()))
     touched = set()
     for pair in pairs:
-        a, b = (_scoped_name(plant, inspector, geometry_id, owners) for geometry_id in pair)
+        a, b = (names.get(geometry_id, WORLD) for geometry_id in pair)
         for name, other in ((a, b), (b, a)):
             if other.startswith(f"{model}::") and not name.startswith(f"{model}::"):
                 touched.add(name)
     return frozenset(touched)
-
-
-def _scoped_name(
-    plant: MultibodyPlant,
-    inspector: SceneGraphInspector,
-    geometry_id: GeometryId,
-    owners: Mapping[BodyIndex, str],
-) -> str:
-    body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry_id))
-    model = owners.get(body.index(), "world")
-    return f"{model}::{LinkName(body, model)}::{inspector.GetName(geometry_id).split('::')[-1]}"
 
 
 @dataclass

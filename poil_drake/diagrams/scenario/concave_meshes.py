@@ -1,20 +1,18 @@
-"""Concave collision meshes: Drake fills them, so they are refused or decomposed."""
+"""Concave collision meshes: Drake fills them in most places, so they are refused or decomposed."""
 
 import hashlib
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
 from pydrake.geometry import Convex, GeometryId, Mesh, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import QhullError, cKDTree
 
+from poil_drake.diagrams.scenario.meshes import ReadMesh
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import MissingDependencyError, ScenarioError
 from poil_drake.runtime.user_cache import cached_directory
-
-if TYPE_CHECKING:
-    import trimesh
 
 _NEGLIGIBLE_GAP = 0.002  # [m] between a mesh and its convex hull.
 _SAMPLES, _HULL_SAMPLES = 10_000, 2_000  # Points on a mesh's surface, and on its convex hull.
@@ -45,7 +43,8 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         path = Path(shape.source().path()) if isinstance(shape, Mesh) else Path()
         if path.suffix.lower() not in (".obj", ".gltf"):
             continue
-        mesh = _load(path, shape.scale3())
+        colored = ReadMesh(shape, inspector.GetName(geometry))
+        mesh = trimesh.util.concatenate([trimesh.Trimesh(m.vertices, m.faces) for m in colored])
         gap = _largest_gap(mesh)
         if gap == 0.0:
             continue
@@ -53,30 +52,19 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
             body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
             raise ScenarioError(
                 f"The collision mesh '{path}' of '{body.scoped_name()}' is concave: its convex "
-                f"hull, which Drake uses in contacts, is up to {1000 * gap:.0f} mm away from it. "
-                "This fills openings, as of a handle or a cup.",
+                "hull, which Drake uses for distances and all but rigid hydroelastic contact, is "
+                f"up to {1000 * gap:.0f} mm away from it. This fills openings, as of a handle.",
                 remedy="Set poil.collision to 'decompose' to replace such meshes by convex pieces, "
                 "or to 'hull' if the filled shapes will do.",
             )
         _replace(plant, scene_graph, geometry, _pieces(mesh))
 
 
-def _load(path: Path, scale: np.ndarray) -> "trimesh.Trimesh":
-    import trimesh
-
-    mesh = trimesh.load(path, force="mesh")
-    if path.suffix.lower() == ".gltf":  # Its y axis points up.
-        mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0]))
-    return mesh.apply_transform(np.diag([*scale, 1.0]))
-
-
-def _largest_gap(mesh: "trimesh.Trimesh") -> float:
+def _largest_gap(mesh: trimesh.Trimesh) -> float:
     """Returns the largest distance of the convex hull's surface from the mesh's [m].
 
     The result is 0 if it is too small to matter or to be told from the distance between samples.
     """
-    import trimesh
-
     try:
         hull = mesh.convex_hull
     except (QhullError, ValueError):  # A flat mesh.
@@ -88,7 +76,7 @@ def _largest_gap(mesh: "trimesh.Trimesh") -> float:
     return gap if gap > max(_NEGLIGIBLE_GAP, _SPACINGS * spacing) else 0.0
 
 
-def _pieces(mesh: "trimesh.Trimesh") -> list[Path]:
+def _pieces(mesh: trimesh.Trimesh) -> list[Path]:
     """Returns the files of a mesh's convex pieces, after computing them if they are not cached."""
 
     def make(directory: Path) -> None:
@@ -99,8 +87,6 @@ def _pieces(mesh: "trimesh.Trimesh") -> list[Path]:
                 "CoACD, which decomposes concave meshes, is not installed.",
                 remedy="Run: pip install coacd",
             ) from error
-        import trimesh
-
         coacd.set_log_level("error")
         whole = coacd.Mesh(mesh.vertices, mesh.faces)
         parts = coacd.run_coacd(whole, threshold=_PIECE_CONCAVITY, seed=0)

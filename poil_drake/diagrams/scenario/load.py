@@ -92,18 +92,13 @@ def _with_calibration(scenario: Scenario) -> Scenario:
     path = scenario.poil.calibration
     if not path:
         return scenario
-    if not Path(path).is_file():
-        raise ScenarioError(
-            f"poil.calibration is '{path}', which does not exist.",
-            remedy="Write it with `poil calibrate cameras`, for which the key must be removed "
-            "once, or name another file.",
-        )
-    node = _read(Path(path))
-    cameras = node.get("cameras") if isinstance(node, dict) else None
-    if not isinstance(cameras, dict) or len(node) > 1:
+    node = _read(Path(path)) if Path(path).is_file() else None
+    cameras = node.get("cameras") if isinstance(node, dict) and len(node) == 1 else None
+    if not isinstance(cameras, dict):
         raise ScenarioError(
             f"poil.calibration is '{path}', which is not a file of camera poses.",
-            remedy="Name a file that `poil calibrate cameras` wrote; its only key is 'cameras'.",
+            remedy="Name a file that `poil calibrate cameras` wrote, with the only key 'cameras'; "
+            "remove the key poil.calibration while you write the first.",
         )
     if extra := cameras.keys() - scenario.cameras.keys():
         raise ScenarioError(

@@ -1,25 +1,31 @@
-"""Makes the meshes of models usable by Drake's renderer, and checks their units."""
+"""Reads the meshes of models, checks their units, and makes them usable by Drake's renderer."""
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from pydrake.common import MemoryFile
-from pydrake.geometry import CalcObb, Convex, InMemoryMesh, Mesh, SceneGraph, Shape
+from pydrake.geometry import CalcObb, Convex, InMemoryMesh, Mesh, Role, SceneGraph, Shape
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.errors import ScenarioError
 
+CONVERT_MESH = (
+    "Convert the mesh to .obj, e.g. with trimesh.load(OLD).export(NEW) in Python, and name the new "
+    "file in the model's file."
+)
+"""The remedy for formats of meshes that cannot be used."""
+
 _READ = (".obj", ".gltf", ".vtk")  # Formats that Drake reads.
 _LARGEST = 10.0  # [m]; a mesh in millimetres is larger if its object is larger than 1 cm.
-
 _CORNER_WITHOUT_NORMAL = re.compile(r"^\s*f\b.*[ \t]-?\d+(?:/-?\d*)?(?=\s|$)", re.MULTILINE)
-_USED_FILE = re.compile(r"^[ \t]*(?:mtllib|map_\w+)[ \t].*?([^ \t\r\n]+)[ \t\r]*$", re.MULTILINE)
 
 
 def RequireMetres(scene_graph: SceneGraph) -> None:
-    """Checks that no mesh is so large that its unit must be millimetres.
+    """Checks that no mesh is so large that its unit must be another than metres.
 
     Raises:
         ScenarioError: A mesh is, or it cannot be read.
@@ -40,27 +46,80 @@ def MakeMeshesDrawable(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
         scene_graph: The plant's scene graph.
 
     Raises:
-        ScenarioError: A mesh cannot be read or drawn, or is in millimetres.
+        ScenarioError: A mesh cannot be read or drawn, or its unit is another than metres.
     """
     inspector = scene_graph.model_inspector()
-    for geometry in inspector.GetAllGeometryIds():
+    for geometry in inspector.GetAllGeometryIds(Role.kPerception):
         shape, name = inspector.GetShape(geometry), inspector.GetName(geometry)
-        if (
-            inspector.GetPerceptionProperties(geometry) is None
-            or not isinstance(shape, Mesh | Convex)
-            or not shape.source().is_path()
-        ):
+        if not isinstance(shape, Mesh | Convex) or not shape.source().is_path():
             continue
         path = Path(shape.source().path())
-        text = _replacement(path, name)
-        if text is not None:
-            mesh = InMemoryMesh(
-                mesh_file=MemoryFile(text, ".obj", str(path)),
-                supporting_files=_supporting_files(text, path.parent),
-            )
-            drawn = Mesh(mesh, scale3=shape.scale3())
+        if _lacks_normals(path):
+            drawn = MeshInMemory(ReadMesh(shape, name), path)
             _require_metres(drawn, name)
             scene_graph.ChangeShape(plant.get_source_id(), geometry, drawn)
+
+
+def ReadMesh(shape: Mesh | Convex, name: str) -> list[trimesh.Trimesh]:
+    """Returns the triangles of a mesh file in its geometry's frame [m]: a piece for each material.
+
+    Meshes without normals get the normals of their faces.
+
+    Args:
+        shape: The mesh; its source is a file.
+        name: The geometry's name, for errors.
+
+    Raises:
+        ScenarioError: The file cannot be read.
+    """
+    path = Path(shape.source().path())
+    suffix = path.suffix.lower()
+    if suffix not in (".obj", ".gltf", ".stl", ".ply"):
+        raise ScenarioError(
+            f"The mesh {path} of '{name}' has a format that cameras cannot draw.",
+            remedy=CONVERT_MESH,
+        )
+    try:
+        found = trimesh.load(path, force="scene", process=False).dump()
+        pieces = [piece for piece in found if isinstance(piece, trimesh.Trimesh)]
+        if not all(np.isfinite(piece.vertices).all() for piece in pieces):
+            raise ValueError("a vertex is not finite")
+    except Exception as error:  # Its readers raise errors of many types.
+        raise ScenarioError(
+            f"The mesh {path} of '{name}' cannot be read ({error}).",
+            remedy="Export the mesh again as OBJ.",
+        ) from error
+    X_GM = np.diag([*shape.scale3(), 1.0])
+    if suffix == ".gltf":  # Its y axis points up; Drake turns it so that the z axis does.
+        X_GM = X_GM @ trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0])
+    for piece in pieces:
+        if _lacks_normals(path):
+            piece.unmerge_vertices()  # Each triangle has its own corners, with its own normal.
+        piece.apply_transform(X_GM)
+    return pieces
+
+
+def MeshInMemory(pieces: Sequence[trimesh.Trimesh], path: Path) -> Mesh:
+    """Returns a shape of triangles, with their normals, colours and textures.
+
+    Args:
+        pieces: The triangles.
+        path: The file from which they are, for errors.
+    """
+    text, files = trimesh.exchange.obj.export_obj(
+        trimesh.Scene(pieces), include_normals=True, return_texture=True
+    )
+    supporting = {name: MemoryFile(data, Path(name).suffix, name) for name, data in files.items()}
+    main = MemoryFile(text.encode(), ".obj", str(path))
+    return Mesh(InMemoryMesh(mesh_file=main, supporting_files=supporting))
+
+
+def _lacks_normals(path: Path) -> bool:
+    """Returns whether a file lacks normals; STL and PLY count as files without."""
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        return _CORNER_WITHOUT_NORMAL.search(path.read_text(errors="replace")) is not None
+    return suffix != ".gltf"
 
 
 def _require_metres(shape: Shape, name: str) -> None:
@@ -74,8 +133,8 @@ def _require_metres(shape: Shape, name: str) -> None:
         size = np.max(np.ptp(BoxCorners(shape), axis=1))
     if size > _LARGEST:
         raise ScenarioError(
-            f"The mesh {file} of '{name}' is {size:.0f} m large; it looks like millimetres.",
-            remedy="Set the mesh's scale to 0.001 0.001 0.001 in the model's file.",
+            f"The mesh {file} of '{name}' is {size:.0f} m large, so its unit is not metres.",
+            remedy="Set the mesh's scale in the model's file: 0.001 0.001 0.001 for millimetres.",
         )
 
 
@@ -87,65 +146,3 @@ def BoxCorners(shape: Shape) -> np.ndarray:
         return np.zeros((3, 8))
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, 8)
     return box.pose().multiply(signs * box.half_width()[:, np.newaxis])
-
-
-def _replacement(path: Path, name: str) -> str | None:
-    """Returns OBJ text that replaces a visual mesh; None if Drake can draw the file itself."""
-    suffix = path.suffix.lower()
-    if suffix == ".gltf":
-        return None
-    try:
-        if suffix == ".obj":
-            text = path.read_text(encoding="utf-8", errors="replace")
-            return _with_normals(text) if _CORNER_WITHOUT_NORMAL.search(text) else None
-        if suffix in (".stl", ".ply"):
-            import trimesh
-
-            # Without merged vertices, each face keeps its normal.
-            mesh = trimesh.load_mesh(path, process=False)
-            mesh.unmerge_vertices()
-            return mesh.export(file_type="obj", include_normals=True, include_texture=False)
-    except (OSError, ValueError, IndexError) as error:
-        raise ScenarioError(
-            f"The mesh {path} of '{name}' cannot be read ({error}).",
-            remedy="Export the mesh again as OBJ.",
-        ) from error
-    raise ScenarioError(
-        f"The mesh {path} of '{name}' has a format that cameras cannot draw.",
-        remedy="Convert the mesh to .obj or .gltf, e.g. with trimesh.load(OLD).export(NEW) in "
-        "Python, and name the new file in the model's file.",
-    )
-
-
-def _with_normals(text: str) -> str:
-    """Returns the text of an OBJ file in which each face has its own normal."""
-    vertices: list[np.ndarray] = []
-    lines, count = [], 0
-    for line in text.replace("\\\n", " ").splitlines():
-        kind, *words = line.split() or [""]
-        if kind == "v":
-            vertices.append(np.array(words[:3], dtype=float))
-        elif kind == "f":
-            corners = [(*word.split("/"), "")[:2] for word in words]
-            # Indices begin at 1; negative ones count from the last vertex.
-            points = np.array([vertices[int(v) - (int(v) > 0)] for v, _ in corners])
-            normal = np.cross(points, np.roll(points, -1, axis=0)).sum(axis=0)
-            normal /= np.linalg.norm(normal) or 1.0
-            count += 1
-            lines.append("vn {:.6f} {:.6f} {:.6f}".format(*normal))
-            line = "f " + " ".join(f"{v}/{t}/{count}" for v, t in corners)
-        if kind != "vn":
-            lines.append(line)
-    return "\n".join(lines) + "\n"
-
-
-def _supporting_files(text: str, folder: Path) -> dict[str, Path]:
-    """Returns the material files that an OBJ text names, and their textures, by name."""
-    found: dict[str, Path] = {}
-    for name in _USED_FILE.findall(text):
-        path = folder / name
-        if path.is_file():
-            found[name] = path
-            if path.suffix.lower() == ".mtl":
-                found |= _supporting_files(path.read_text(errors="replace"), folder)
-    return found

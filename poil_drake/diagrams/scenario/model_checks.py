@@ -5,22 +5,36 @@ from pydrake.geometry import Role, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.meshes import BoxCorners
-from poil_drake.diagrams.scenario.model_parts import BaseBody, CarriedBodies, ModelBodies
+from poil_drake.diagrams.scenario.model_parts import (
+    BaseBody,
+    CarriedBodies,
+    ModelBodies,
+    RequireFreeObject,
+)
 from poil_drake.errors import ScenarioError
 
 _LIMIT_TOLERANCE = 1e-6  # [rad or m]; limits in files are rounded.
 _UNITS = {"revolute": " rad", "prismatic": " m"}
 _LARGEST_OBJECT = 1.0  # [m]; nothing that a Panda's hand can carry is larger.
 _SMALLEST_OBJECT = 0.005  # [m]; cameras and fingers lose smaller objects.
+_PAYLOAD = 3.0  # [kg], the Panda's.
 _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
 
 
-def RequireStartWithinLimits(plant: MultibodyPlant) -> None:
-    """Checks that every joint of a finalized plant starts within its limits.
+def CheckModels(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
+    """Checks the object `name` and the joints of a finalized plant.
 
     Raises:
-        ScenarioError: A joint does not, whatever set its position.
+        ScenarioError: The object does not move freely as one piece, or is too large or too small;
+            or a joint starts beyond its limits.
     """
+    RequireFreeObject(plant, name)
+    _require_object_size(plant, inspector, name)
+    _require_start_within_limits(plant)
+
+
+def _require_start_within_limits(plant: MultibodyPlant) -> None:
+    """Checks that every joint starts within its limits, whatever set its position."""
     for joint in [plant.get_joint(index) for index in plant.GetJointIndices()]:
         q = joint.default_positions()
         lower, upper = joint.position_lower_limits(), joint.position_upper_limits()
@@ -56,13 +70,9 @@ def RequireMass(plant: MultibodyPlant) -> None:
         )
 
 
-def RequireObjectSize(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
-    """Checks that the object `name` of a finalized plant has a size that a hand can hold.
-
-    Raises:
-        ScenarioError: It does not, so a unit is wrong.
-    """
-    size = float(np.max(_sides(plant, inspector, name)))
+def _require_object_size(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
+    """Checks that an object has a size that a hand can hold; if not, a unit is wrong."""
+    size = float(np.max(np.ptp(_box(plant, inspector, name), axis=0)))
     if size == 0.0 or _SMALLEST_OBJECT <= size <= _LARGEST_OBJECT:
         return
     text = f"{1000.0 * size:.3g} mm" if size < _SMALLEST_OBJECT else f"{size:.3g} m"
@@ -74,30 +84,41 @@ def RequireObjectSize(plant: MultibodyPlant, inspector: SceneGraphInspector, nam
 
 
 def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
-    """Checks that the object `name` of a finalized plant has an inertia that fits its size.
+    """Checks that the object `name` of a finalized plant has a plausible mass and inertia.
 
     Raises:
-        ScenarioError: It has none, or one that no body within the object's bounding box can have.
+        ScenarioError: It is too heavy for the robot. Or it has no inertia, or one that no body
+            within the object's bounding box can have; or its centre of mass is outside.
     """
     frame, bodies = BaseBody(plant, name).body_frame(), ModelBodies(plant, name)
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), frame, bodies)
     about_center = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
     moments, mass = np.linalg.eigvalsh(about_center), inertia.get_mass()
-    diagonal = float(np.linalg.norm(_sides(plant, inspector, name))) or _LARGEST_OBJECT
-    # Of a body within the diagonal; a point mass has rounding errors instead of moments.
-    if _LEAST_INERTIA * mass * diagonal**2 < moments[0] and moments[-1] <= mass * diagonal**2:
+    if mass > _PAYLOAD:
+        raise ScenarioError(
+            f"The object '{name}' has a mass of {mass:.3g} kg; a Panda carries {_PAYLOAD:g} kg.",
+            remedy="Correct the mass in the model's file; it is in kilograms.",
+        )
+    lower, upper = _box(plant, inspector, name)
+    if np.array_equal(lower, upper):
+        return
+    diagonal, center = float(np.linalg.norm(upper - lower)), inertia.get_com()
+    is_inside = np.all((lower - 0.1 * diagonal < center) & (center < upper + 0.1 * diagonal))
+    # Of a body within the box; a point mass has rounding errors instead of moments.
+    least, most = _LEAST_INERTIA * mass * diagonal**2, mass * diagonal**2
+    if is_inside and least < moments[0] and moments[-1] <= most:
         return
     raise ScenarioError(
-        f"The object '{name}' has a mass of {mass:.3g} kg and moments of inertia of "
-        f"{max(moments[0], 0.0):.1g} to {moments[-1]:.3g} kg m^2, which do not fit a size of "
-        f"{diagonal:.3g} m.",
-        remedy="Correct the mass and inertia in the model's file. A link without <inertial> has "
-        "1 kg and 1 kg m^2 in SDFormat.",
+        f"The object '{name}' has a mass of {mass:.3g} kg at {_text(center.round(4))} m and "
+        f"moments of inertia of {max(moments[0], 0.0):.1g} to {moments[-1]:.3g} kg m^2, which do "
+        f"not fit its shapes, from {_text(lower.round(4))} to {_text(upper.round(4))} m.",
+        remedy="Correct the mass and inertia in the model's file; lengths are in metres. A link "
+        "without <inertial> has 1 kg and 1 kg m^2 in SDFormat.",
     )
 
 
-def _sides(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> np.ndarray:
-    """Returns the sides (3,) of a model's box along its base's axes [m]; 0 without geometry."""
+def _box(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> np.ndarray:
+    """Returns the corners (2, 3) of a model's box along its base's axes [m]; 0 without geometry."""
     context = plant.CreateDefaultContext()
     X_BW = BaseBody(plant, name).EvalPoseInWorld(context).inverse()
     corners = []
@@ -107,7 +128,10 @@ def _sides(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> 
             for geometry in inspector.GetGeometries(plant.GetBodyFrameIdOrThrow(body), role):
                 X_BG = X_BL @ inspector.GetPoseInFrame(geometry)
                 corners.append(X_BG.multiply(BoxCorners(inspector.GetShape(geometry))))
-    return np.ptp(np.concatenate(corners, axis=1), axis=1) if corners else np.zeros(3)
+    if not corners:
+        return np.zeros((2, 3))
+    joined = np.concatenate(corners, axis=1)
+    return np.stack([joined.min(axis=1), joined.max(axis=1)])
 
 
 def _text(q: np.ndarray) -> str:

@@ -25,6 +25,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 import poil_drake.models
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
+from poil_drake.diagrams.scenario.meshes import CONVERT_MESH
 from poil_drake.diagrams.scenario.model_parts import IsPartOf, LinkName, ModelBodies
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
@@ -37,13 +38,12 @@ _REMEDIES = {
     "XML_ERROR": "Correct the XML of this file.",
     "not a recognized type": "Use a URDF, SDFormat or MJCF file; expand a .xacro with the program "
     "xacro.",
-    "unsupported extension": "Convert the mesh to .obj, e.g. with trimesh.load(OLD).export(NEW) in "
-    "Python, and name the new file in the model's file.",
-    "supports mesh files in .obj": "Convert the mesh to .obj, e.g. with "
-    "trimesh.load(OLD).export(NEW) in Python, and name the new file in the model's file.",
+    "unsupported extension": CONVERT_MESH,
+    "supports mesh files in .obj": CONVERT_MESH,
     "instance names must be unique": "Give each add_model a name that no other has.",
     "no model instance named": "Correct the name of the model, or move this directive below the "
     "one that adds the model.",
+    "no Joint named": "Correct the name of the joint.",
     "world_welds_to": "Weld each link only once. A model whose file welds it to the world (MJCF: a "
     "body without a joint; SDFormat: <static>) needs no add_weld: write its pose into the file.",
     "'found' failed": "The child of a weld is a link: exchange its parent and child.",
@@ -231,12 +231,12 @@ def _free_body(plant: MultibodyPlant, model: str, link: str) -> RigidBody:
     if base is body and not plant.IsAnchored(body):
         return body
     if plant.IsAnchored(base):
-        raise ScenarioError(
-            f"{given}, which is welded or joined to the world.",
-            remedy="Remove this pose: the X_PC of an add_weld places what is welded. To free it, "
-            "remove the weld or joint from the directives or the model's file (also <static>).",
+        problem = "is welded or joined to the world"
+        remedy = (
+            "Remove this pose: the X_PC of an add_weld places what is welded. To free it, remove "
+            "the weld or joint from the directives or the model's file (also <static>)."
         )
-    raise ScenarioError(
-        f"{given}, which follows its base link '{base.scoped_name().get_full()}'.",
-        remedy=f"Give the pose of the base link '{LinkName(base, model)}' instead.",
-    )
+    else:
+        problem = f"follows its base link '{base.scoped_name().get_full()}'"
+        remedy = f"Give the pose of the base link '{LinkName(base, model)}' instead."
+    raise ScenarioError(f"{given}, which {problem}.", remedy=remedy)

@@ -8,6 +8,7 @@ into defaults.
 import copy
 import dataclasses
 import difflib
+import math
 import types
 import typing
 from collections.abc import Mapping, Sequence
@@ -20,7 +21,7 @@ from poil_drake.errors import PoilError, ScenarioError
 
 _WANTED = {
     str: "text (in quotes if it looks like a number)",
-    float: "a number or a fraction such as 1/8",
+    float: "a finite number or a fraction such as 1/8",
     int: "a whole number",
     bool: "true or false",
     np.ndarray: "a list of finite numbers",
@@ -143,6 +144,10 @@ def _merge_structure(
         values[key] = merge_yaml(
             value, fields[key], getattr(default, key, None), path=place, unknown=unknown
         )
+        # Only what is infinite by default may be: durations, sides of regions.
+        usual = getattr(default if isinstance(default, type) else type(default), key, None)
+        if _is_infinite(values[key]) and not _is_infinite(usual):
+            raise _wrong(place, value, _WANTED[float])
     if dataclasses.is_dataclass(default):
         try:
             if isinstance(default, type):
@@ -170,6 +175,12 @@ def _merge_structure(
             wanted = f"a value that {_tag(type(default))} accepts{reason}"
             raise _wrong(f"{path}.{key}", node[key], wanted) from error
     return merged
+
+
+def _is_infinite(value: Any) -> bool:
+    """Returns whether a number, or one in a tuple, is infinite."""
+    values = value if isinstance(value, tuple) else (value,)
+    return any(one in (math.inf, -math.inf) for one in values if isinstance(one, float))
 
 
 def _fields(schema: Any) -> dict[str, Any] | None:

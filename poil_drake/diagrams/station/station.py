@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
+from poil_drake.diagrams.scenario.model_parts import BaseBody, BodiesByModel, IsPartOf
+from poil_drake.diagrams.scenario.penetrations import START_TOLERANCE, Penetrations
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay
 from poil_drake.diagrams.station.hardware.hardware_station import HardwareStation as HardwareStation
@@ -98,6 +101,45 @@ def RequireLabels(station: Station) -> None:
             f"labels over LCM (poil.hardware.cameras.{names[0]}: !LcmImages {{}}), or a recording "
             "that contains labels (!McapPlayback).",
         )
+
+
+def RequireFreeStart(station: Station) -> None:
+    """Checks that what can move freely in a simulation starts on something, and inside nothing.
+
+    Raises:
+        ScenarioError: if a model starts in the air or inside another.
+    """
+    if not isinstance(station, SimulatedStation):
+        return
+    poil, plant, context = station.scenario.poil, station.plant(), station.CreateDefaultContext()
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    query = station.GetOutputPort("query_object")
+    models = tuple(BodiesByModel(plant, (poil.object, poil.fixture)))
+    for model in models:
+        body = BaseBody(plant, model)
+        holds_others = any(other != model and IsPartOf(other, model) for other in models)
+        if holds_others or not body.is_floating_base_body():
+            continue
+        found = Penetrations(plant, query.Eval(context), model, fixture=poil.fixture)
+        # A mesh counts as its convex hull, which may have been allowed to be wrong.
+        deep = [
+            f"{1000 * one.depth:.0f} mm inside '{one.geometry}'"
+            for one in found
+            if one.depth > START_TOLERANCE and not (one.is_mesh and poil.collision == "hull")
+        ]
+        X_WB = body.EvalPoseInWorld(plant_context)
+        lowered = X_WB.translation() - [0.0, 0.0, START_TOLERANCE]
+        plant.SetFreeBodyPose(plant_context, body, RigidTransform(X_WB.rotation(), lowered))
+        below = Penetrations(plant, query.Eval(context), model, fixture=poil.fixture)
+        plant.SetFreeBodyPose(plant_context, body, X_WB)
+        if deep or not below:
+            air = f"in the air: nothing is within {1000 * START_TOLERANCE:.0f} mm below it"
+            raise ScenarioError(
+                f"The model '{model}' starts {deep[0] if deep else air}.",
+                remedy="Correct default_free_body_pose or add_weld in the directives. A model with "
+                "neither is at the world's origin, and what carries others needs collision "
+                "geometry.",
+            )
 
 
 def CaptureFrame(station: Station, context: Context, *, labels: bool = False) -> MultiViewFrame:

@@ -10,11 +10,10 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.concave_meshes import ReplaceConcaveMeshes
 from poil_drake.diagrams.scenario.meshes import MakeMeshesDrawable, RequireMetres
-from poil_drake.diagrams.scenario.model_checks import RequireObjectSize, RequireStartWithinLimits
+from poil_drake.diagrams.scenario.model_checks import CheckModels
 from poil_drake.diagrams.scenario.model_parts import (
     CollisionGeometries,
     GeometryChoices,
-    RequireFreeObject,
     RequireModels,
 )
 from poil_drake.diagrams.scenario.models import (
@@ -116,8 +115,7 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
     """
     poil = scenario.poil
     _require_holder(plant, inspector, poil)
-    RequireFreeObject(plant, poil.object)
-    RequireObjectSize(plant, inspector, poil.object)
+    CheckModels(plant, inspector, poil.object)
     _require_welded_base(plant, poil)
     for name in scenario.model_drivers:
         if name != poil.robot:
@@ -126,7 +124,6 @@ def _check_fit(plant: MultibodyPlant, inspector: SceneGraphInspector, scenario: 
                 remedy=f"Rename this key of model_drivers to '{poil.robot}', or remove it.",
             )
     pulses_with_bodies(plant, poil.disturbances)
-    RequireStartWithinLimits(plant)
 
 
 def _require_welded_base(plant: MultibodyPlant, poil: PoilConfig) -> None:

@@ -22,6 +22,7 @@ _LARGEST_SWAP = 0.1  # [s] by which a message may be late in the file
 # [s] between the latencies of two streams, from capture to logging. Two cameras have about the
 # same latency, but different clocks are off by anything.
 _LARGEST_OFFSET = 0.3
+_LEAST_PERIOD = 1e-3  # [s] between two images of a topic; no camera is faster.
 
 
 def settle_stamps(path: Path, frames: FrameTree, cameras: Mapping[str, CameraContents]) -> None:
@@ -79,16 +80,31 @@ def _check_topic(path: Path, topic: str, images: Sequence[StoredImage]) -> None:
             remedy="Fill in the time of capture of each image, with nanoseconds, or leave all "
             "stamps 0: then the times of logging are used.",
         )
+    period = float(np.median(np.diff(np.unique(stamps)))) * 1e-9
+    if period < _LEAST_PERIOD:
+        raise DemonstrationError(
+            f"{path}: the stamps of topic {topic} are {period:.3g} s apart, the first is "
+            f"{to_seconds(int(stamps[0]))} s. Probably their unit is wrong.",
+            remedy="Write stamps in seconds and nanoseconds, or leave all stamps 0: then the times "
+            "of logging are used.",
+        )
     steps = np.diff(stamps) * 1e-9
     swap = float(np.clip(2.0 * np.median(np.abs(steps)), _LARGEST_SWAP, _LARGEST_GAP))
     (wrong,) = np.nonzero((steps < -swap) | (steps > _LARGEST_GAP))
     if not wrong.size:
         return
     before, after = int(stamps[wrong[0]]), int(stamps[wrong[0] + 1])
-    gap, zeros = abs(after - before) * 1e-9, int(np.count_nonzero(stamps == 0))
-    raise DemonstrationError(
-        f"{path}: the stamps of topic {topic} jump {'back' if after < before else 'ahead'} by "
-        f"{gap:.3f} s after {to_seconds(before)} s{f'; {zeros} of them are 0' if zeros else ''}.",
+    zeros = int(np.count_nonzero(stamps == 0))
+    direction = "back" if after < before else "ahead"
+    raise _jump(path, topic, direction, abs(after - before) * 1e-9, before, zeros)
+
+
+def _jump(
+    path: Path, topic: str, direction: str, gap: float, before: int, zeros: int = 0
+) -> DemonstrationError:
+    return DemonstrationError(
+        f"{path}: the stamps of topic {topic} jump {direction} by {gap:.3f} s after "
+        f"{to_seconds(before)} s{f'; {zeros} of them are 0' if zeros else ''}.",
         remedy="Record again without setting the clock or stopping the camera meanwhile, fill in "
         "stamps that are 0, or cut the recording there, e.g. with `mcap filter`. If all stamps of "
         "a topic are 0, the times of logging are used.",
@@ -99,7 +115,8 @@ def _check_clocks(path: Path, cameras: Mapping[str, CameraContents]) -> None:
     """Compares the latencies of the streams at their starts and ends.
 
     The least latency within a second counts, because a busy recorder logs late, but never early.
-    If all latencies change alike, the recorder used another clock, e.g. that of a simulation.
+    If all latencies change alike, the recorder used another clock, e.g. that of a simulation;
+    but if they drop at once, the clock of the stamps jumped ahead.
     Depth may take longer to compute: it is not compared if it has the stamps of the colour images.
     """
     streams = color_and_depth(cameras)
@@ -109,6 +126,7 @@ def _check_clocks(path: Path, cameras: Mapping[str, CameraContents]) -> None:
             del streams[camera_topic(name, "depth")]
     starts: list[tuple[float, str, float]] = []
     ends: list[tuple[float, str, float]] = []
+    drops: list[tuple[float, str, int]] = []
     for topic, images in streams.items():
         stamps, logged = (
             np.array([getattr(image, name) for image in images], dtype=np.int64)
@@ -117,8 +135,13 @@ def _check_clocks(path: Path, cameras: Mapping[str, CameraContents]) -> None:
         latency, since = (logged - stamps) * 1e-9, (stamps - stamps.min()) * 1e-9
         for found, part in ((starts, since <= 1.0), (ends, since >= since.max() - 1.0)):
             found.append((float(latency[part].min()), topic, to_seconds(int(stamps[part].min()))))
+        at = int(np.argmin(np.diff(latency)))
+        drops.append((float(np.diff(latency)[at]), topic, int(stamps[at])))
     drift = float(np.median([end[0] - start[0] for start, end in zip(starts, ends, strict=True)]))
     if abs(drift) > _LARGEST_OFFSET:
+        drop, topic, before = min(drops)
+        if 0.8 * drift > drop > 1.2 * drift:
+            raise _jump(path, topic, "ahead", -drop, before)
         return  # It was not logged in real time, e.g. when it was converted.
     least, *_, most = sorted([*starts, *((end[0] - drift, *end[1:]) for end in ends)])
     if most[0] - least[0] > _LARGEST_OFFSET:

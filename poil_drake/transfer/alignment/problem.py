@@ -95,8 +95,8 @@ class AlignmentProblem:
                 raise TransferError(
                     f"The cloud of the {name} part has only {len(cloud)} points; "
                     f"{_MIN_POINTS} are needed to align it.",
-                    remedy="Turn the object so that a camera sees more of the part, or move a "
-                    "camera nearer.",
+                    remedy="Turn the object so that a camera sees more of the part, move a camera "
+                    "nearer, or use images of more pixels.",
                 )
         part = CloudTerm.between(source_part, target_part, cloud=PART_CLOUD)
         if source_context is None or target_context is None or config.context_weight == 0.0:

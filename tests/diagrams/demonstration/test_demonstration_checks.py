@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from bare_mugs import write_bare_mug
 from moved_scene import SMALL, moved
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
@@ -19,15 +20,19 @@ def keyframes(*heights: float) -> str:
 @pytest.mark.parametrize(
     ("changes", "problem", "remedy"),
     [
-        (keyframes(-0.02, 0.1), r"inside 'table::top' at its start", "keyframes"),
+        (keyframes(-0.02, 0.1), r"inside 'table::table::top' at its start", "keyframes"),
         (keyframes(-0.3, 0.1), r"starts in the air", "keyframes"),
-        (keyframes(0.0, 0.1, -0.05), r"inside 'table::top' \d\.\d+ s after its start", "keyframes"),
+        (
+            keyframes(0.0, 0.1, -0.05),
+            r"'table::table::top' \d\.\d+ s after its start",
+            "keyframes",
+        ),
         (keyframes(0.02, 0.1), r"starts in the air, .*\(0.450, -0.100, 0.020\) m", "keyframes"),
         ("  table_height: -0.2\n", "starts in the air", "poil.table_height"),
         ("  table_height: 0.2\n", "starts in the air", "poil.table_height"),
         (
             "  demonstration_motion: { hanging: { start: [0.55, 0.30] } }\n",
-            "inside 'rack::(base|post)' at its start",
+            "inside 'rack::stand::(base|post)' at its start",
             "hanging.start",
         ),
         (
@@ -43,6 +48,16 @@ def test_an_impossible_demonstration_is_refused(changes, problem, remedy, tmp_pa
 
     assert remedy in info.value.remedy
     assert not (tmp_path / "demo.mcap").exists()
+
+
+def test_an_object_too_large_for_the_fixture_is_refused(tmp_path):
+    mug = write_bare_mug(tmp_path, shapes="boxes", height=0.3)
+    own = f"  demonstration_object: {mug}\n  demonstration_parts: {{ handle: 'handle_.*' }}\n"
+
+    with pytest.raises(ScenarioError, match=r"inside 'table::table::top' \d\.\d+ s after") as info:
+        RecordDemonstration(ChooseScenario(data=SMALL + own), tmp_path / "demo.mcap")
+
+    assert "smaller object" in info.value.remedy
 
 
 @pytest.mark.parametrize("size", [(96, 72), (64, 48)])

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from poil_drake.diagrams.demonstration.motion import KeyframeMotion, minimum_jerk
-from poil_drake.diagrams.scenario.poil_config import Keyframe
+from poil_drake.diagrams.scenario.demonstration_config import Keyframe
 
 coordinate = st.floats(-1.0, 1.0)
 keyframe_poses = st.lists(

@@ -8,11 +8,11 @@ from pydrake.math import RotationMatrix
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
-from poil_drake.diagrams.scenario.load import ChooseScenario, default_scenario_file
-from poil_drake.diagrams.scenario.poil_config import (
+from poil_drake.diagrams.scenario.demonstration_config import (
     DemonstrationMotionConfig,
     HangingMotionConfig,
 )
+from poil_drake.diagrams.scenario.load import ChooseScenario, default_scenario_file
 from poil_drake.errors import ScenarioError
 from poil_drake.geometry.rigid_transform import make_transform, rotation_angle
 from poil_drake.models.mug_family import NAMED_MUGS

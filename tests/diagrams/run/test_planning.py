@@ -5,7 +5,8 @@ import pytest
 
 from poil_drake.diagrams.run.planning import PlanScenario
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.errors import PlanningError
+from poil_drake.diagrams.scenario.randomization import ObjectDirective
+from poil_drake.errors import PlanningError, ScenarioError
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
@@ -22,6 +23,15 @@ def test_a_plan_respects_the_supervisors_box(demonstration: Path) -> None:
         PlanScenario(scenario, demonstration)
 
     assert "poil.safety.posture" in info.value.remedy
+
+
+@pytest.mark.render
+def test_an_object_that_nothing_places_is_refused(demonstration: Path) -> None:
+    scenario = ChooseScenario()
+    ObjectDirective(list(scenario.directives), "mug").default_free_body_pose = {}
+
+    with pytest.raises(ScenarioError, match=r"'mug' starts \d+ mm inside 'panda::panda_link0::"):
+        PlanScenario(scenario, demonstration)
 
 
 def test_flying_pixels_are_no_obstacles_but_a_thin_rod_is() -> None:

@@ -19,6 +19,16 @@ def test_the_default_file_hangs_a_mug() -> None:
     assert len([d for d in dut.directives if d.add_model]) == 4
 
 
+def test_what_is_infinite_by_default_may_be_infinite() -> None:
+    region = "!PartRegion {lower: [0.1, -.inf, -.inf]}"
+    data = f"{{simulation_duration: .inf, poil: {{parts: {{handle: {region}}}}}}}"
+
+    dut = LoadScenario(data=data, defaults=LoadScenario(data="{simulation_duration: 3}"))
+
+    assert dut.simulation_duration == np.inf
+    assert dut.poil.parts["handle"].lower == (0.1, -np.inf, -np.inf)
+
+
 def test_an_empty_scenario_has_the_defaults() -> None:
     dut = LoadScenario(filename=TEST_FILE, scenario_name="Defaults")
 
@@ -122,10 +132,13 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {eta: 1}, poil: {eta: 2}}", "'poil' occurs twice at line 1"),
         ("{random_seed: -1}", "random_seed is -1.*not negative"),
         ("{simulation_duration: 0}", "simulation_duration is 0"),
-        ("{poil: {fixture: mug}}", "poil.object and poil.fixture are both 'mug'"),
-        ("{poil: {randomization: {x: [0, .inf]}}}", "randomization.x is"),
+        ("{poil: {randomization: {x: [1, 0]}}}", "randomization.x is"),
+        ("{poil: {randomization: {x: [0, .inf]}}}", r"randomization.x' is \[0, inf\]"),
         ("{model_drivers: {panda: {stiffness: [1, 2]}}}", "panda.stiffness .*2 values.*Set 7"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", r"panda' is '!IiwaDriver', .*PandaDriver"),
+        (
+            "{model_drivers: {panda: !IiwaDriver {}}}",
+            "'!IiwaDriver', but a mapping .PandaDriver.",
+        ),
         ("{model_drivers: {hand: !SchunkWsgDriver {}}}", "hand' is '!SchunkWsgDriver', .*Panda"),
         ("{model_drivers: {mug: !ZeroForceDriver {}}}", "mug' is '!ZeroForceDriver', .*Panda"),
         ("{camera_ids: {left: LEFT}}", "'camera_ids' is not known"),
@@ -134,7 +147,6 @@ def test_defaults_are_merged_but_not_changed() -> None:
             "resolution_hint is 1e-06 m, which is out of range. .* at least 0.001 m",
         ),
         ("{model_drivers: {panda: {leash: -1}}}", "^model_drivers.panda.leash is -1"),
-        ("{model_drivers: {panda: !IiwaDriver {}}}", "IiwaDriver', but a mapping .PandaDriver."),
         ("{cameras: {left: }}", "'cameras.left' is None"),
         ("{cameras: {left: {width: 1.5}}}", "'cameras.left.width' is 1.5, but a whole number is"),
         (
@@ -214,7 +226,17 @@ def test_defaults_are_merged_but_not_changed() -> None:
         ("{poil: {demonstration_motion: {blend: -1}}}", "blend is -1"),
         ("{poil: {demonstration_motion: {hanging: {lift: -1}}}}", "hanging.lift is -1"),
         ("{poil: {demonstration_motion: {hanging: {seat: 2}}}}", "hanging.seat is 2"),
-        ("{poil: {table_height: .nan}}", "'poil.table_height' is nan, but a number"),
+        ("{poil: {table_height: .nan}}", "'poil.table_height' is nan, but a finite number"),
+        ("{poil: {table_height: .inf}}", "'poil.table_height' is inf, but a finite number"),
+        ("{simulation_duration: .nan}", "'simulation_duration' is nan"),
+        (
+            "{poil: {demonstration_motion: {hanging: {start: [0, -.inf]}}}}",
+            r"hanging.start' is \[0, -inf\]",
+        ),
+        (
+            "{poil: {demonstration_parts: {handel: grip}}}",
+            "names the part 'handel', .* Choose one of: handle",
+        ),
         ("{initial_position: {panda: {panda_joint1: [.nan]}}}", r"panda_joint1' is \[nan\]"),
     ],
 )
@@ -300,58 +322,3 @@ TENFOLD = [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 10)}]" for k in range(1, 1
 def test_aliases_that_stand_for_too_many_values_are_refused(text: str) -> None:
     with pytest.raises(ScenarioError, match=r"more than 100000 values.*alias may contain itself"):
         LoadScenario(data=text)
-
-
-@pytest.fixture
-def calibrated(tmp_path: Path) -> Path:
-    """A scenario with two cameras and the calibration `poses.yaml` beside it."""
-    path = tmp_path / "cell.yaml"
-    path.write_text(
-        "Cell: {cameras: {left: {name: left, width: 320}, right: {name: right}}, "
-        "poil: {calibration: poses.yaml}}"
-    )
-    return path
-
-
-def test_a_calibration_replaces_the_poses_and_nothing_else(calibrated: Path) -> None:
-    calibrated.with_name("poses.yaml").write_text(
-        "cameras: {left: {X_PB: {translation: [1, 2, 3], rotation: !Rpy {deg: [0, 0, 90]}}}}"
-    )
-
-    dut = LoadScenario(filename=calibrated)
-
-    pose = dut.cameras["left"].X_PB.GetDeterministicValue()
-    np.testing.assert_allclose(pose.GetAsMatrix4()[:3, [0, 3]], [[0, 1], [1, 2], [0, 3]], atol=1e-9)
-    assert dut.cameras["left"].width == 320
-    assert dut.cameras["right"].X_PB.GetDeterministicValue().IsExactlyIdentity()
-    # A log of a run holds the poses, not the name of a file that may change.
-    assert dut.poil.calibration == ""
-
-
-def test_text_may_name_a_calibration_and_change_its_poses_later(calibrated: Path) -> None:
-    calibrated.with_name("poses.yaml").write_text(
-        "cameras: {left: {X_PB: {translation: [1, 2, 3]}}}"
-    )
-
-    moved = "{cameras: {left: {X_PB: {translation: [4, 5, 6]}}}}"
-    dut = LoadScenario(filename=calibrated, data=moved)
-
-    np.testing.assert_array_equal(dut.cameras["left"].X_PB.translation, [4, 5, 6])
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        (None, r"poses\.yaml', which does not exist"),
-        ("", r"poses\.yaml', which is not a file of camera poses"),
-        ("Cell: {cameras: {left: {width: 1}}}", "which is not a file of camera poses"),
-        ("{cameras: {top: {}}}", "has the camera 'top', but the scenario does not.*left, right"),
-        ("{cameras: {left: {X_BP: {}}}}", "'X_BP' in 'cameras.left' is not known"),
-    ],
-)
-def test_a_wrong_calibration_is_refused(calibrated: Path, text: str | None, problem: str) -> None:
-    if text is not None:
-        calibrated.with_name("poses.yaml").write_text(text)
-
-    with pytest.raises(ScenarioError, match=problem):
-        LoadScenario(filename=calibrated)

@@ -27,8 +27,7 @@ def write_package(folder: Path, name: str = "lab_mugs") -> None:
 
 def scenario_file(folder: Path, packages: str) -> Scenario:
     """Reads a scenario file in `folder`, with the mug of the package "lab_mugs"."""
-    mug = Path("package://lab_mugs/urdf/mug.urdf")
-    text = own_scenario(mug=mug, poil=f"packages: {packages}").replace("package:/l", "package://l")
+    text = own_scenario(mug="package://lab_mugs/urdf/mug.urdf", poil=f"packages: {packages}")
     (folder / "scene.yaml").write_text(f"Own: {text}")
     return LoadScenario(filename=folder / "scene.yaml", defaults=ChooseScenario())
 

@@ -38,7 +38,7 @@ def test_values_out_of_range_are_named(field: str, value: float) -> None:
         ("safety: {posture: {table_height: 0.05}}", "table_height is 0.05 m, but"),
         ("safety: {stall_limit: -1}", "^poil.safety.stall_limit is -1"),
         ("grasp: {seed_points: 0}", "^poil.grasp.seed_points is 0"),
-        ("grasp: {approach_angle: 90}", "approach_angle is 90.0 rad.* at most 1.57"),
+        ("grasp: {approach_angle: 90}", "^poil.grasp.approach_angle is 90.0.* at most 1.57"),
         ("clearance: {robot_margin: -0.01}", "^poil.clearance.robot_margin is -0.01"),
         ("fusion: {mask: {erosion: -1}}", "^poil.fusion.mask.erosion is -1"),
         ("fusion: {mask: {max_depth: 0.05}}", "max_depth is 0.05 m, not more than min_depth"),

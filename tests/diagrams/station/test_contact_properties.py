@@ -60,20 +60,19 @@ def elements(station: Station) -> dict[str, int]:
 
 
 @pytest.mark.parametrize(
-    ("file_format", "shapes", "height"),
-    [("xml", "boxes", 0.09), ("urdf", "capsules", 0.06), ("sdf", "meshes", 0.14)],
+    ("shapes", "height"), [("boxes", 0.09), ("capsules", 0.06), ("meshes", 0.14)]
 )
 def test_a_mug_without_contact_properties_is_held_by_its_rim(
-    file_format: str, shapes: str, height: float, tmp_path: Path
+    shapes: str, height: float, tmp_path: Path
 ) -> None:
-    model = write_bare_mug(tmp_path, file_format=file_format, shapes=shapes, height=height)
+    model = write_bare_mug(tmp_path, shapes=shapes, height=height)
     station = station_with(model, "{poil: {collision: hull}}")
     simulator = Simulator(station)
     context, plant = simulator.get_mutable_context(), station.plant()
     frame = plant.GetFrameByName("panda_hand_tcp")
     SetObjectPose(station, context, START)
     # From above, at the wall opposite the handle; the pads reach 12 mm below the rim.
-    rim = [0.45 - body_radius(height, shapes) + WALL / 2, -0.10, height - 0.003]
+    rim = [0.45 - body_radius(height) + WALL / 2, -0.10, height - 0.003]
     ik = InverseKinematics(plant, with_joint_limits=True)
     down = RotationMatrix(np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]]).T)
     ik.AddPositionConstraint(frame, np.zeros(3), plant.world_frame(), rim, rim)

@@ -199,7 +199,7 @@ def test_a_joint_may_be_given_as_a_plain_number() -> None:
         ("width: 64000", "cameras.left has 64000 x 480 pixels.*at most 8192"),
         ("focal: !FovDegrees { y: 0 }", "cameras.left cannot be used: .*Focal"),
         ("renderer_class: RenderEngineRay", "cameras.left cannot be used: .*'RenderEngineRay'"),
-        ("fps: .inf", "cameras.left cannot be used: .*FPS"),
+        ("fps: 0", "cameras.left cannot be used: .*FPS"),
         ("z_near: 5", "cameras.left cannot be used: .*depth range"),
         ("renderer_name: ''", "cameras.left cannot be used: .*renderer_name"),
         ("X_PB: { base_frame: celing }", r"cameras.left.X_PB cannot be used: .*'celing'"),

@@ -71,6 +71,16 @@ def test_without_stamps_all_images_get_the_times_of_logging(foreign, topics):
             id="ahead",
         ),
         pytest.param(
+            lambda topic, i: true(i) + (1.0 if i > 8 else 0.0),
+            ["jump ahead by 1.000 s after 1760000001.0 s"],
+            id="all topics ahead",
+        ),
+        pytest.param(
+            lambda topic, i: 1e-6 * true(i),
+            ["/camera/left/image are 1.25e-07 s apart, the first is 1760.0 s", "their unit"],
+            id="in microseconds",
+        ),
+        pytest.param(
             lambda topic, i: true(i) + (0.35 if i > 8 and topic == TOPICS[2] else 0.0),
             ["clocks", "/camera/right/image", "a gap of 0.35 s"],
             id="one topic ahead",

@@ -1,4 +1,5 @@
 from collections.abc import Mapping
+from dataclasses import replace
 from unittest.mock import create_autospec
 
 import numpy as np
@@ -14,6 +15,7 @@ from system_bench import SystemBench
 
 from poil_drake.control.reference.point_trajectory import PointTrajectory
 from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.recording.run_log.reader import load_recorded_run
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.logging.mcap_logger import McapLogger
@@ -119,6 +121,23 @@ def test_the_robots_signals_may_begin_later(log):
     bench.advance(0.5)
 
     assert times_of(log.write_joint_states) == [0.125, 0.375]
+
+
+def test_images_are_read_under_the_names_of_their_cameras(tmp_path):
+    frame = make_frame(0, ("right", "Top", "left", "10"))
+    images = [replace(im, depth=np.full_like(im.depth, k)) for k, im in enumerate(frame.images, 1)]
+    with RunLogWriter(tmp_path / "run.mcap") as log:
+        publish(make(log), {"frame": replace(frame, images=tuple(images))})
+
+    run = load_recorded_run(tmp_path / "run.mcap", joint_names=["j1", "j2"])
+
+    depths = {camera.name: run.image_reader(camera)(0).depth for camera in frame.cameras}
+    assert {name: float(np.max(depth)) for name, depth in depths.items()} == {
+        "right": 1.0,
+        "Top": 2.0,
+        "left": 3.0,
+        "10": 4.0,
+    }
 
 
 def test_a_frame_is_written_once_for_each_stamp_and_its_calibration_once(log):

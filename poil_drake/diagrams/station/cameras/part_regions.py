@@ -1,14 +1,12 @@
 """Separates parts of an object whose visual meshes do not separate them."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-import numpy as np
-from pydrake.common import MemoryFile
 from pydrake.geometry import (
+    Convex,
     GeometryInstance,
-    InMemoryMesh,
     Mesh,
     PerceptionProperties,
     Role,
@@ -16,17 +14,10 @@ from pydrake.geometry import (
 )
 from pydrake.multibody.plant import MultibodyPlant
 
+from poil_drake.diagrams.scenario.meshes import MeshInMemory, ReadMesh
 from poil_drake.diagrams.scenario.model_parts import ModelGeometries, ModelGeometry
 from poil_drake.diagrams.scenario.poil_config import PartRegion
 from poil_drake.errors import ScenarioError
-
-if TYPE_CHECKING:
-    import trimesh  # Slow to import.
-
-_Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Drake turns glTF files, whose y axis points up, so that their z axis does."""
-
-_WHITE = np.full(4, 255, np.uint8)
 
 
 def SeparateParts(
@@ -64,9 +55,10 @@ def SeparateParts(
             raise ScenarioError(
                 f"The region of the part '{part}' contains no triangle of the visual meshes of "
                 f"'{model}'.",
-                remedy=f"Correct the region; it is in the frame of each link ({links}).",
+                remedy=f"Correct the region; it is in the frame of each link ({links}), in metres. "
+                "Parts of other shapes than meshes are named by a link or expression.",
             )
-        patterns[part] = f".*/{part}"
+        patterns[part] = f".*/{re.escape(part)}"
     return patterns
 
 
@@ -80,49 +72,24 @@ def _split(
     """Splits a geometry; returns whether something of it lies in the region."""
     inspector, source = scene_graph.model_inspector(), plant.get_source_id()
     shape = inspector.GetShape(geometry.id)
-    if not (isinstance(shape, Mesh) and shape.source().is_path()):
-        return False
-    mesh = _load(shape.source().path())
-    if shape.source().extension() == ".gltf":
-        mesh.vertices = mesh.vertices @ _Z_UP.T
-    mesh.vertices *= shape.scale3()
-    X_LG, frame = inspector.GetPoseInFrame(geometry.id), inspector.GetFrameId(geometry.id)
-    inside = region.contains((X_LG @ mesh.triangles_center.T).T)
-    if not inside.any():
+    if not (isinstance(shape, Mesh | Convex) and shape.source().is_path()):
         return False
     name = inspector.GetName(geometry.id)
+    pieces = ReadMesh(shape, name)
+    X_LG, frame = inspector.GetPoseInFrame(geometry.id), inspector.GetFrameId(geometry.id)
+    inside = [region.contains((X_LG @ piece.triangles_center.T).T) for piece in pieces]
+    if not any(faces.any() for faces in inside):
+        return False
     properties = PerceptionProperties(inspector.GetPerceptionProperties(geometry.id))
     scene_graph.RemoveRole(source, geometry.id, Role.kPerception)
-    for own_name, faces in ((f"{name}/{part}", inside), (name, ~inside)):
-        if faces.any():
-            piece = _as_shape(mesh.submesh([faces], append=True, repair=False))
-            instance = GeometryInstance(X_LG, piece, own_name)
+    for own_name, wanted in ((f"{name}/{part}", True), (name, False)):
+        chosen = [piece.copy() for piece in pieces]
+        for piece, faces in zip(chosen, inside, strict=True):
+            piece.update_faces(faces == wanted)
+            piece.remove_unreferenced_vertices()
+        if chosen := [piece for piece in chosen if len(piece.faces)]:
+            mesh = MeshInMemory(chosen, Path(shape.source().path()))
+            instance = GeometryInstance(X_LG, mesh, own_name)
             instance.set_perception_properties(properties)
             scene_graph.RegisterGeometry(source, frame, instance)
     return True
-
-
-def _load(path: Path) -> "trimesh.Trimesh":
-    """Returns the meshes of a file as one, whose materials become one texture."""
-    import trimesh
-    from trimesh.visual import TextureVisuals
-    from trimesh.visual.material import SimpleMaterial
-
-    scene = trimesh.load(str(path), force="scene", process=False)
-    mesh = scene.to_mesh()
-    if len(scene.geometry) > 1 and isinstance(mesh.visual, TextureVisuals):
-        # The texture has the materials' colours already, which a grey default would darken.
-        image = getattr(mesh.visual.material, "image", None)
-        image = image or getattr(mesh.visual.material, "baseColorTexture", None)
-        mesh.visual.material = SimpleMaterial(image=image, diffuse=_WHITE)
-    return mesh
-
-
-def _as_shape(mesh: "trimesh.Trimesh") -> Mesh:
-    """Returns a triangle mesh as a shape, with its colours and texture."""
-    import trimesh
-
-    text, files = trimesh.exchange.obj.export_obj(mesh, include_normals=True, return_texture=True)
-    supporting = {name: MemoryFile(data, Path(name).suffix, name) for name, data in files.items()}
-    main = MemoryFile(text.encode(), ".obj", "part.obj")
-    return Mesh(InMemoryMesh(mesh_file=main, supporting_files=supporting))
