@@ -2,9 +2,9 @@
 
 import hashlib
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from pydrake.geometry import Convex, GeometryId, Mesh, Role, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from scipy.spatial import QhullError, cKDTree
@@ -13,6 +13,9 @@ from poil_drake.diagrams.scenario.meshes import ReadMesh
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import MissingDependencyError, ScenarioError
 from poil_drake.runtime.user_cache import cached_directory
+
+if TYPE_CHECKING:
+    import trimesh
 
 _NEGLIGIBLE_GAP = 0.002  # [m] between a mesh and its convex hull.
 _SAMPLES, _HULL_SAMPLES = 10_000, 2_000  # Points on a mesh's surface, and on its convex hull.
@@ -43,8 +46,7 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         path = Path(shape.source().path()) if isinstance(shape, Mesh) else Path()
         if path.suffix.lower() not in (".obj", ".gltf"):
             continue
-        colored = ReadMesh(shape, inspector.GetName(geometry))
-        mesh = trimesh.util.concatenate([trimesh.Trimesh(m.vertices, m.faces) for m in colored])
+        mesh = _joined(ReadMesh(shape, inspector.GetName(geometry)))
         gap = _largest_gap(mesh)
         if gap == 0.0:
             continue
@@ -60,7 +62,14 @@ def ReplaceConcaveMeshes(plant: MultibodyPlant, scene_graph: SceneGraph, poil: P
         _replace(plant, scene_graph, geometry, _pieces(mesh))
 
 
-def _largest_gap(mesh: trimesh.Trimesh) -> float:
+def _joined(pieces: "list[trimesh.Trimesh]") -> "trimesh.Trimesh":
+    """Returns one mesh without colours."""
+    import trimesh
+
+    return trimesh.util.concatenate([trimesh.Trimesh(p.vertices, p.faces) for p in pieces])
+
+
+def _largest_gap(mesh: "trimesh.Trimesh") -> float:
     """Returns the largest distance of the convex hull's surface from the mesh's [m].
 
     The result is 0 if it is too small to matter or to be told from the distance between samples.
@@ -69,19 +78,22 @@ def _largest_gap(mesh: trimesh.Trimesh) -> float:
         hull = mesh.convex_hull
     except (QhullError, ValueError):  # A flat mesh.
         return 0.0
-    points, _ = trimesh.sample.sample_surface(mesh, _SAMPLES, seed=0)
-    covering, _ = trimesh.sample.sample_surface(hull, _HULL_SAMPLES, seed=0)
+    from trimesh.sample import sample_surface
+
+    points, _ = sample_surface(mesh, _SAMPLES, seed=0)
+    covering, _ = sample_surface(hull, _HULL_SAMPLES, seed=0)
     gap = float(cKDTree(points).query(covering)[0].max())
     spacing = np.sqrt(mesh.area / _SAMPLES)
     return gap if gap > max(_NEGLIGIBLE_GAP, _SPACINGS * spacing) else 0.0
 
 
-def _pieces(mesh: trimesh.Trimesh) -> list[Path]:
+def _pieces(mesh: "trimesh.Trimesh") -> list[Path]:
     """Returns the files of a mesh's convex pieces, after computing them if they are not cached."""
 
     def make(directory: Path) -> None:
         try:
             import coacd
+            import trimesh
         except ImportError as error:
             raise MissingDependencyError(
                 "CoACD, which decomposes concave meshes, is not installed.",

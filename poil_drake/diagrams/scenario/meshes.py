@@ -3,15 +3,18 @@
 import re
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import CalcObb, Convex, InMemoryMesh, Mesh, Role, SceneGraph, Shape
 from pydrake.multibody.plant import MultibodyPlant
 
 from poil_drake.diagrams.scenario.drake_errors import DrakeErrorsExplained
 from poil_drake.errors import ScenarioError
+
+if TYPE_CHECKING:
+    import trimesh
 
 CONVERT_MESH = (
     "Convert the mesh to .obj, e.g. with trimesh.load(OLD).export(NEW) in Python, and name the new "
@@ -60,7 +63,7 @@ def MakeMeshesDrawable(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
             scene_graph.ChangeShape(plant.get_source_id(), geometry, drawn)
 
 
-def ReadMesh(shape: Mesh | Convex, name: str) -> list[trimesh.Trimesh]:
+def ReadMesh(shape: Mesh | Convex, name: str) -> "list[trimesh.Trimesh]":
     """Returns the triangles of a mesh file in its geometry's frame [m]: a piece for each material.
 
     Meshes without normals get the normals of their faces.
@@ -72,6 +75,8 @@ def ReadMesh(shape: Mesh | Convex, name: str) -> list[trimesh.Trimesh]:
     Raises:
         ScenarioError: The file cannot be read.
     """
+    import trimesh
+
     path = Path(shape.source().path())
     suffix = path.suffix.lower()
     if suffix not in (".obj", ".gltf", ".stl", ".ply"):
@@ -99,13 +104,15 @@ def ReadMesh(shape: Mesh | Convex, name: str) -> list[trimesh.Trimesh]:
     return pieces
 
 
-def MeshInMemory(pieces: Sequence[trimesh.Trimesh], path: Path) -> Mesh:
+def MeshInMemory(pieces: "Sequence[trimesh.Trimesh]", path: Path) -> Mesh:
     """Returns a shape of triangles, with their normals, colours and textures.
 
     Args:
         pieces: The triangles.
         path: The file from which they are, for errors.
     """
+    import trimesh
+
     text, files = trimesh.exchange.obj.export_obj(
         trimesh.Scene(pieces), include_normals=True, return_texture=True
     )
