@@ -19,6 +19,10 @@ _MAX_STEP = 0.04
 """How far a point may move from one tracked frame to the next, at its last speed [m]. A tracker
 follows such a step as well as two half as long, in less time."""
 
+_DOUBTFUL = 0.6
+"""Median confidence of a frame's points below which no frame is skipped. It rarely falls as low
+where tracking is easy, and often where skipped frames would mislead the tracker."""
+
 _INLIER_DISTANCE = 0.01
 """Largest distance of a point from where the object's motion since the first frame puts it [m].
 Farther points have drifted, or were confused with others."""
@@ -51,7 +55,8 @@ def track_demonstration(
     """Tracks the part's points from the first frame to the last.
 
     Args:
-        demonstration: The demonstration. While it is slow, some of its frames are skipped.
+        demonstration: The demonstration. While it is slow, some of its frames are skipped, unless
+            the tracker then loses or doubts the points.
         query_points: (N, 3) the points in the first frame [m, world].
         object_masks: Each camera's mask (H, W) bool of the object in the first frame.
         tracker: Tracks the points.
@@ -61,13 +66,37 @@ def track_demonstration(
         TrackingError: if the tracker cannot start, or loses the object for longer than 1 s or in
             the last frame; the message says when.
     """
+
+    def track(*, skip: bool) -> DemonstrationTracks:
+        return _track(
+            demonstration, query_points, object_masks, tracker=tracker, skip=skip, progress=progress
+        )
+
+    try:
+        quick = track(skip=True)
+    except TrackingError:
+        return track(skip=False)
+    sure = np.median(quick.confidence, axis=1).min() >= _DOUBTFUL
+    return quick if sure else track(skip=False)
+
+
+def _track(
+    demonstration: Demonstration,
+    query_points: np.ndarray,
+    object_masks: tuple[np.ndarray, ...],
+    *,
+    tracker: Tracker,
+    skip: bool,
+    progress: Progress | None,
+) -> DemonstrationTracks:
+    """Tracks the points in all frames or, to `skip`, in fewer while the object is slow."""
     frames, stamps = demonstration.frames, demonstration.stamps
     output = tracker.start(frames[0], query_points, object_masks)
     samples = [(stamps[0], output.points.positions, output.points.confidence)]
     seen_at, speed = stamps[0], np.inf
     k, last = 0, len(frames) - 1
     while k < last:
-        k = _next_frame(stamps, k, speed)
+        k = _next_frame(stamps, k, speed) if skip else k + 1
         frame = frames[k]
         output = tracker.step(output.state, frame)
         points = output.points

@@ -122,26 +122,53 @@ def test_a_body_that_falls_apart_is_lost() -> None:
         track_demonstration(frames(6), BODY, MASKS, tracker=GivenTracks(positions))
 
 
+class Follower:
+    """Follows points on a path (T, N, 3) with given stamps (T,).
+
+    It is sure of itself (1.0) if frames are at most `certain` apart [s], and unsure (0.5) or, to
+    `lose`, lost if they are farther apart.
+    """
+
+    def __init__(self, stamps, path, *, certain: float = np.inf, lose: bool = False):
+        self._stamps, self._path, self._certain, self._lose = stamps, path, certain, lose
+
+    def start(self, frame, query_points, object_masks) -> TrackerOutput:
+        return self.step(frame.stamp, frame)
+
+    def step(self, state, frame, motion_prior=None) -> TrackerOutput:
+        points = self._path[np.searchsorted(self._stamps, frame.stamp)]
+        sure = frame.stamp - state <= self._certain
+        if self._lose and not sure:
+            lost = TrackedPoints.lost(len(points), frame.stamp)
+            return TrackerOutput(frame.stamp, lost, True)
+        confidence = np.full(len(points), 1.0 if sure else 0.5)
+        tracked = TrackedPoints(points, confidence, frame.stamp)
+        return TrackerOutput(frame.stamp, tracked, False)
+
+
 def test_slow_motion_is_tracked_less_often() -> None:
     recorded = frames(33, period=1 / 32)
     # The body moves at 0.08 m/s for half a second, then at 0.64 m/s.
     times = recorded.stamps - 5.0
     way = np.where(times < 0.5, 0.08 * times, 0.04 + 0.64 * (times - 0.5))
+    path = BODY + way[:, None, None] * X
 
-    class Follower:
-        def start(self, frame, query_points, object_masks) -> TrackerOutput:
-            return self.step(None, frame)
-
-        def step(self, state, frame, motion_prior=None) -> TrackerOutput:
-            points = BODY + np.interp(frame.stamp, recorded.stamps, way) * X
-            return TrackerOutput(
-                None, TrackedPoints(points, np.ones(len(BODY)), frame.stamp), False
-            )
-
-    tracks = track_demonstration(recorded, BODY, MASKS, tracker=Follower())
+    tracks = track_demonstration(recorded, BODY, MASKS, tracker=Follower(recorded.stamps, path))
 
     gaps = np.diff(tracks.times)
     assert gaps[0] == 1 / 32  # The speed is unknown.
     assert gaps.max() == 0.25
     assert (gaps[tracks.times[:-1] > 0.75] <= 1 / 16).all()
     assert tracks.times[-1] == 1.0
+
+
+@pytest.mark.parametrize("lose", [False, True], ids=["unsure", "lost"])
+def test_no_frame_is_skipped_where_that_misleads_the_tracker(lose: bool) -> None:
+    recorded = frames(33, period=1 / 32)
+    path = np.repeat(BODY[None], 33, axis=0)
+    tracker = Follower(recorded.stamps, path, certain=1 / 16, lose=lose)
+
+    tracks = track_demonstration(recorded, BODY, MASKS, tracker=tracker)
+
+    assert len(tracks.times) == 33
+    np.testing.assert_array_equal(tracks.confidence, 1.0)

@@ -18,8 +18,7 @@ def CheckMotion(
 ) -> None:
     """Checks that the object starts standing on something, and goes through nothing.
 
-    Later, the object may be inside the fixture, and at any time inside a mesh of the fixture: their
-    meshes count as convex hulls, which have no openings.
+    It may be inside a mesh of the fixture: meshes count as convex hulls, which have no openings.
 
     Args:
         scene: The scene.
@@ -55,8 +54,7 @@ def CheckMotion(
     for time in times.tolist():
         for found in scene.penetrations(motion.pose(time)):
             is_fixture = found.geometry.startswith(f"{scene.fixture_name}::")
-            may_hang = is_fixture and (time > 0.0 or found.is_mesh)
-            if found.depth <= START_TOLERANCE or may_hang:
+            if found.depth <= START_TOLERANCE or (is_fixture and found.is_mesh):
                 continue
             raise ScenarioError(
                 f"The demonstration's object is inside '{found.geometry}' "

@@ -36,6 +36,12 @@ def keyframes(*heights: float) -> str:
             "hanging.start",
         ),
         (
+            "  demonstration_motion: { keyframes: [ { translation: [0.45, -0.1, 0] },"
+            " { time: 1, translation: [0.55, 0.3, 0.1] } ] }\n",
+            r"inside 'rack::stand::(base|post)' \d\.\d+ s after its start",
+            "keyframes",
+        ),
+        (
             "  demonstration_motion: { hanging: { start: [0.95, 0.6], start_yaw: 90 } }\n",
             "too little of the part 'handle' .* only 0 pixels .* see the object: none",
             "move a camera",
