@@ -3,6 +3,7 @@
 import numpy as np
 from pydrake.geometry import Role, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import SpatialInertia
 
 from poil_drake.diagrams.scenario.meshes import BoxCorners
 from poil_drake.diagrams.scenario.model_parts import (
@@ -19,6 +20,10 @@ _LARGEST_OBJECT = 1.0  # [m]; nothing that a Panda's hand can carry is larger.
 _SMALLEST_OBJECT = 0.005  # [m]; cameras and fingers lose smaller objects.
 _PAYLOAD = 3.0  # [kg], the Panda's.
 _LEAST_INERTIA = 1e-9  # Of a mass at the distance of an object's size.
+_SUBSTITUTE = SpatialInertia.SolidSphereWithDensity(
+    density=1000.0, radius=np.cbrt(3.0 / (4000.0 * np.pi))
+).CopyToFullMatrix6()
+"""What Drake takes instead of a mass that is not positive in a URDF file, with a warning."""
 
 
 def CheckModels(plant: MultibodyPlant, inspector: SceneGraphInspector, name: str) -> None:
@@ -88,12 +93,22 @@ def RequireObjectInertia(plant: MultibodyPlant, inspector: SceneGraphInspector, 
 
     Raises:
         ScenarioError: It is too heavy for the robot. Or it has no inertia, or one that no body
-            within the object's bounding box can have; or its centre of mass is outside.
+            within the object's bounding box can have; or its centre of mass is outside; or Drake
+            has replaced a mass.
     """
     frame, bodies = BaseBody(plant, name).body_frame(), ModelBodies(plant, name)
+    for body in map(plant.get_body, bodies):
+        own = body.default_spatial_inertia()
+        about_center = own.Shift(own.get_com()).CopyToFullMatrix6()
+        if np.allclose(about_center, _SUBSTITUTE, rtol=1e-9, atol=1e-12):
+            raise ScenarioError(
+                f"The mass of '{body.scoped_name()}' is impossible in its file; Drake warns of it, "
+                "and takes a ball of 1 kg.",
+                remedy="Give the link a positive mass.",
+            )
     inertia = plant.CalcSpatialInertia(plant.CreateDefaultContext(), frame, bodies)
-    about_center = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
-    moments, mass = np.linalg.eigvalsh(about_center), inertia.get_mass()
+    rotational = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CopyToFullMatrix3()
+    moments, mass = np.linalg.eigvalsh(rotational), inertia.get_mass()
     if mass > _PAYLOAD:
         raise ScenarioError(
             f"The object '{name}' has a mass of {mass:.3g} kg; a Panda carries {_PAYLOAD:g} kg.",

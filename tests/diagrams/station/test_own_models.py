@@ -169,6 +169,8 @@ GIVEN = "'mug' has a default_free_body_pose for '"
         ),
         (WITHOUT_INERTIA, "a.urdf", "body", "0.3 kg at .* and moments of inertia of 0 to"),
         (IN_GRAMS, "a.urdf", "body", "a mass of 300 kg; a Panda carries 3 kg. .*in kilograms"),
+        (urdf_mug().replace('"0.15"', '"0"'), "a.urdf", "body", "of 'mug::body' is impossible"),
+        (urdf_mug().replace('"0.15"', '"-0.15"'), "a.urdf", "body", "ball of 1 kg.* positive mass"),
         (urdf_mug().replace("0.045", "45", 1), "a.urdf", "body", r"at \[0.0, 0.0, 22.*metres"),
         # A free body in one piece.
         (sdf_file(LOOSE), "a.sdf", "body", "falls apart.*body, h"),
