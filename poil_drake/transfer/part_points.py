@@ -7,7 +7,7 @@ import numpy as np
 from poil_drake.errors import DetectionError, TransferError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.point_cloud import PointCloud, farthest_point_sampling
-from poil_drake.perception.detectors import Detector, PartMasks
+from poil_drake.perception.detectors.protocol import Detector, PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import MultiViewFrame
 

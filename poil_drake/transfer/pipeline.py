@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from poil_drake.errors import DetectionError, InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception.detectors import Detector
+from poil_drake.perception.detectors.protocol import Detector
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import Tracker

@@ -15,7 +15,7 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors import make_detector
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.systems.skill.phases import PHASE_NAMES, Phase
 from poil_drake.transfer.part_points import view_part
 

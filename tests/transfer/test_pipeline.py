@@ -15,7 +15,8 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import DetectionError, InvalidValueError, TransferError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception.detectors import LabelImageDetector, PartMasks
+from poil_drake.perception.detectors.label_image import LabelImageDetector
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration

@@ -8,7 +8,7 @@ from poil_drake.diagrams.scenario.penetrations import START_TOLERANCE
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import DetectionError, ScenarioError, TransferError
 from poil_drake.geometry.depth_image import pixel_size
-from poil_drake.perception.detectors import LabelImageDetector
+from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.transfer.part_points import sample_part_points, view_part
 

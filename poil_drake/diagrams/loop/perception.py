@@ -7,7 +7,7 @@ from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH
 from poil_drake.diagrams.station.station import Station
 from poil_drake.errors import InvalidValueError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors import make_detector
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker

@@ -8,7 +8,7 @@ import numpy as np
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.cameras import CameraDelay
 from poil_drake.errors import RunLogError
-from poil_drake.perception.detectors import LABEL_IMAGE
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.recording.mcap.library_versions import version_metadata
 from poil_drake.recording.run_log.layout import (
     CAMERAS_STATUS_TOPIC,

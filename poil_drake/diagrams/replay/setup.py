@@ -19,7 +19,7 @@ from poil_drake.diagrams.scenario.load import DumpScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario, ScenarioSource
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors import make_detector
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.recording.comparison.tolerances import (
     CONTROL_TOLERANCES,
     PERCEPTION_TOLERANCES,

@@ -7,7 +7,7 @@ from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors import make_detector
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.transfer.part_points import view_part
 
 _JOINT_TOLERANCE = 0.01

@@ -14,7 +14,7 @@ from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Requi
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import WorkspaceCheck
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
-from poil_drake.perception.detectors import make_detector
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.plausibility import check_plausible
 from poil_drake.recording.demonstration.demonstration import load_demonstration

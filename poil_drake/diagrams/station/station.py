@@ -16,7 +16,7 @@ from poil_drake.diagrams.station.simulated_station import SimulatedStation as Si
 from poil_drake.diagrams.station.station_base import Station as Station
 from poil_drake.diagrams.station.station_models import PrefinalizeCallback
 from poil_drake.errors import ScenarioError, StationError
-from poil_drake.perception.detectors import LABEL_IMAGE
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.runtime.stopwatch import Stopwatch
 

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
 from poil_drake.errors import DetectionError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception import detectors
+from poil_drake.perception.detectors.protocol import Detector, PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel
 from poil_drake.runtime.stopwatch import Stopwatch
@@ -35,7 +35,7 @@ class Detection(SharedOnCopy):
 
     status: DetectorStatus = DetectorStatus.WAITING
     request: float = -np.inf
-    masks: detectors.PartMasks | None = None
+    masks: PartMasks | None = None
     cloud: PointCloud | None = None
 
 
@@ -76,7 +76,7 @@ class PartDetector(LeafSystem):
     def __init__(
         self,
         *,
-        detector: detectors.Detector,
+        detector: Detector,
         cameras: Sequence[CameraModel],
         object_label: str,
         part_label: str,

@@ -7,7 +7,7 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import Context, LeafSystem, State
 
 from poil_drake.geometry.frozen_array import frozen_array
-from poil_drake.perception.detectors import PartMasks
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers import protocol

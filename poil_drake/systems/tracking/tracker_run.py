@@ -8,7 +8,7 @@ import numpy as np
 from poil_drake.errors import TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.rigid_transform import inverse, transform_points
-from poil_drake.perception.detectors import PartMasks
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker

@@ -10,7 +10,7 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.errors import DetectionError, PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors import LabelImageDetector
+from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.robots.joint_trajectory import JointTrajectory
 from poil_drake.transfer.part_points import view_part
 

@@ -7,7 +7,7 @@ from system_bench import SystemBench
 
 from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_image import DepthMaskConfig
-from poil_drake.perception.detectors import PartMasks
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.systems.absent import ABSENT

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from pydrake.systems.sensors import ImageDepth32F, ImageRgba8U
 from system_bench import SystemBench
 
-from poil_drake.perception.detectors import PartMasks
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput

@@ -3,7 +3,7 @@ import pytest
 from small_frames import make_frame
 
 from poil_drake.errors import TrackingError
-from poil_drake.perception.detectors import PartMasks
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput

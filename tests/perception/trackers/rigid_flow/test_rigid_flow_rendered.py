@@ -6,7 +6,7 @@ from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.geometry.rigid_transform import inverse, transform_points
-from poil_drake.perception.detectors import LabelImageDetector
+from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 

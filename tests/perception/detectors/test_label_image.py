@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from poil_drake.errors import DetectionError, InvalidValueError
-from poil_drake.perception.detectors import LabelImageDetector, PartMasks, make_detector
+from poil_drake.perception.detectors.label_image import LabelImageDetector
+from poil_drake.perception.detectors.protocol import PartMasks
+from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 SIZE = (12, 16)

@@ -1,52 +1,18 @@
-"""Part detectors: their protocol, and the detectors by name."""
+"""The detector that reads label images, a baseline for the others."""
 
 import difflib
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from typing import Protocol
+from collections.abc import Iterable
 
 import numpy as np
 
-from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_image import COARSE_PIXEL, pixel_size
-from poil_drake.geometry.frozen_array import SharedOnCopy
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame, RgbdImage
-
-LABEL_IMAGE = "label_image"
-"""Name of the detector that reads label images."""
 
 _MIN_PART_PIXELS, _MIN_COARSE_PIXELS = 60, 15
 """Least number of a part's pixels in all views together, with fine and with coarse pixels. With
 fewer, too little would remain of the part after its masks are eroded; coarse ones are not."""
-
-
-@dataclass(frozen=True, eq=False)
-class PartMasks(SharedOnCopy):
-    """Masks of an object and of its functional part.
-
-    Attributes:
-        object_masks: V masks (H, W) bool, one per view; all False if the view shows no object.
-        part_masks: V masks (H, W) bool of the part, each a subset of the view's object mask.
-    """
-
-    object_masks: tuple[np.ndarray, ...]
-    part_masks: tuple[np.ndarray, ...]
-
-
-class Detector(Protocol):
-    """Finds an object and its functional part in the views of one instant."""
-
-    def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
-        """Returns the masks of the object and of its part in each view.
-
-        Args:
-            frame: The views.
-            object_label: Name of the object, e.g. "mug".
-            part_label: Name of the part of the object, e.g. "handle".
-
-        Raises:
-            DetectionError: if a name is unknown, or if the views show too little of the part.
-        """
 
 
 class LabelImageDetector:
@@ -94,23 +60,6 @@ class LabelImageDetector:
             object_masks=tuple(_mask(image, object_ids) for image in frame.images),
             part_masks=part_masks,
         )
-
-
-DETECTORS: dict[str, Callable[[], Detector]] = {LABEL_IMAGE: LabelImageDetector}
-"""Constructors of the detectors, by name."""
-
-
-def make_detector(name: str) -> Detector:
-    """Returns a new detector of this name.
-
-    Raises:
-        InvalidValueError: if no detector has this name. The error lists the valid names.
-    """
-    if name not in DETECTORS:
-        raise InvalidValueError(
-            f"There is no part detector '{name}'.", remedy=f"Choose from: {', '.join(DETECTORS)}."
-        )
-    return DETECTORS[name]()
 
 
 def _mask(image: RgbdImage, ids: tuple[int, ...]) -> np.ndarray:

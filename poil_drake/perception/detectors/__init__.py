@@ -1,0 +1,1 @@
+"""Detectors of an object and its functional part, which share one protocol."""
