@@ -85,12 +85,14 @@ def find_demonstrated_object(
     found: list[tuple[Masks, DemonstrationTracks]] = []
     failure: TrackingError | None = None
     for masks in moved:
-        points = fuse_views(first, masks).points
-        support = points[farthest_point_sampling(points, min(_SUPPORT_POINTS, len(points)))]
         try:
+            points = fuse_views(first, masks).points
+            support = points[farthest_point_sampling(points, min(_SUPPORT_POINTS, len(points)))]
             tracks = track_demonstration(
                 demonstration, support, masks, tracker=tracker, progress=progress
             )
+        except DetectionError:  # Only edges: noise.
+            continue
         except TrackingError as error:  # A hand, for example, that has left.
             failure = error
             continue

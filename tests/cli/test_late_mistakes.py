@@ -40,7 +40,7 @@ def test_a_part_that_no_camera_sees(command: Command, demonstration: Path, tmp_p
     dut = command("run", "--no-meshcat", "--seed", "0", "--scenario_text", text)
 
     assert dut.status == 1
-    assert "pixels of the part 'handle'" in dut.error
+    assert "In the view of the scene: None of the" in dut.error
     assert f"poil: {_only_output(tmp_path)['reason']}" in dut.error
 
 
@@ -67,7 +67,7 @@ def test_the_error_without_labels_names_what_the_detector_needs(
         for frame in load_demonstration(demonstration).frames[1:3]:
             writer.write(frame)
 
-    dut = command("transfer", "unlabelled.mcap")
+    dut = command("transfer", "unlabelled.mcap", "--detector", "label_image")
 
     assert dut.status == 1
     assert "unlabelled.mcap" in dut.error

@@ -14,7 +14,12 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetector
 from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
 from poil_drake.perception.detectors.protocol import Detector
-from poil_drake.perception.detectors.registry import DEMONSTRATION, DETECTORS, LABEL_IMAGE
+from poil_drake.perception.detectors.registry import (
+    DEMONSTRATION,
+    DETECTORS,
+    LABEL_IMAGE,
+    require_detector,
+)
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
@@ -26,9 +31,6 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 
 _SOONEST = 0.9
 """Least time between tracked images, in tracker periods; below 1 because cameras jitter."""
-
-_PART_REACH = 0.004
-"""A point of the object this near to the part belongs to it [m]: the clouds' voxels differ."""
 
 _DEFAULT_TRACKER = "rigid_flow"
 """The tracker for demonstrations if `poil.tracker` is the ground-truth baseline."""
@@ -93,12 +95,18 @@ def MakeRunDetector(poil: PoilConfig, plan: ExecutionPlan) -> Detector:
     """Returns the detector that finds a plan's object at the start of a run and during it.
 
     The detector of demonstrations then searches the object itself, whose shape the plan has.
+
+    Raises:
+        InvalidValueError: if `poil.detector` is not a known name.
     """
+    require_detector(poil.detector)
     if poil.detector != DEMONSTRATION:
         return DETECTORS[poil.detector]()
     points = plan.object_points
     cloud = PointCloud(points, pca_normals(points, np.arange(len(points))))
-    part = cKDTree(plan.part_points).query(points)[0] < _PART_REACH
+    # The object's cloud is coarser than the part's, so its points lie beside the part's.
+    to_part = cKDTree(plan.part_points).query(points)[0]
+    part = to_part <= max(poil.fusion.coarser().voxel_size, to_part.min())
     return KnownShapeDetector(KnownShape(cloud, part), table_height=poil.table_height, is_same=True)
 
 
