@@ -47,7 +47,7 @@ def test_a_region_grows_over_a_whole_rod() -> None:
 
 def test_a_region_does_not_jump_to_a_piece_apart() -> None:
     handle = surface(HANDLE).points
-    points = np.concatenate([handle, handle + [0.0, 0.03, 0.0]])
+    points = np.concatenate([handle, handle + np.array([0.0, 0.03, 0.0])])
 
     dut = grown_along_thin_piece(points, np.abs(points - [0.06, 0.0, 0.04]).max(axis=1) < 0.005)
 

@@ -35,7 +35,7 @@ def test_a_shape_is_stretched_along_its_axes_then_turned_then_moved() -> None:
     # `eigh` sorts the axes by length.
     stretched = Placements(quarter, np.log([[1.0, 1.0, 3.0]]), np.array([[10.0, 20.0, 30.0]]))
 
-    (moved,) = stretched.apply(shape, shape.center + [[2.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    (moved,) = stretched.apply(shape, shape.center + np.diag([2.0, 1.0, 0.0])[:2])
 
     np.testing.assert_allclose(moved, [[10.0, 26.0, 30.0], [9.0, 20.0, 30.0]], atol=1e-9)
 
@@ -76,7 +76,7 @@ def test_costs_are_the_squares_of_the_residuals(fit: ShapeFit) -> None:
 def test_points_on_the_surface_are_seen_and_points_before_it_are_seen_through(
     fit: ShapeFit,
 ) -> None:
-    before = fit.support(SHAPE.cloud.points[SHAPE.part] + [0.03, 0.0, 0.03])
+    before = fit.support(SHAPE.cloud.points[SHAPE.part] + [0.05, 0.0, 0.05])
 
     assert fit.support(SHAPE.cloud.points[SHAPE.part]) == (1.0, 0.0)
     assert before == (0.0, 1.0)
