@@ -99,7 +99,11 @@ def MakeRunDetector(poil: PoilConfig, plan: ExecutionPlan) -> Detector:
     points = plan.object_points
     cloud = PointCloud(points, pca_normals(points, np.arange(len(points))))
     part = cKDTree(plan.part_points).query(points)[0] < _PART_REACH
-    return KnownShapeDetector(KnownShape(cloud, part), table_height=poil.table_height, is_same=True)
+    return KnownShapeDetector(
+        KnownShape(cloud, part, np.zeros(len(points), dtype=bool)),
+        table_height=poil.table_height,
+        is_same=True,
+    )
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
