@@ -1,5 +1,6 @@
 """Makes detectors that find objects and parts by their names."""
 
+import os
 from functools import partial
 
 from poil_drake.perception.detectors.by_name.config import (
@@ -56,6 +57,7 @@ def make_named_detector(
 
 def build_detector(config: NamedDetectorConfig, table_height: float | None) -> NamedDetector:
     """Loads the models in this process; see `make_named_detector`."""
+    os.environ.setdefault("HF_HUB_DISABLE_PROGRESS_BARS", "1")
     return NamedDetector(
         make_finder(config.finder),
         make_segmenter(config.segmenter, table_height),
