@@ -46,7 +46,8 @@ class ProcessDetector:
         """
         with self._lock:
             timeout, is_late = self._timeout, Event()
-            if self._worker is None:
+            if self._worker is None or not self._worker.alive:
+                self._end()
                 timeout += _LOADING
                 self._worker = WorkerProcess(f"{__package__}.process_detector", self._make)
             worker = self._worker

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from poil_drake.geometry.depth_image import unproject
+from poil_drake.geometry.depth_image import DepthMaskConfig, clean_mask, unproject
 from poil_drake.perception.images import CameraModel, RgbdImage
 from poil_drake.perception.segmenters.protocol import box_mask, largest_component
 
@@ -14,15 +14,20 @@ box's side. More costs time: a whole image of 640 x 480 pixels takes seconds."""
 _ABOVE_TABLE = 0.005
 """What is not higher above the table than this is the table [m]: depth noise and calibration."""
 
+_SURFACE = DepthMaskConfig(max_depth=np.inf)
+
+_FEWEST = 10  # pixels from which GrabCut learns five colours
+
 _ITERATIONS = 5  # More change little.
 
 
 class GrabCutSegmenter:
     """Cuts an object out of its box by colour and depth; a `Segmenter`.
 
-    Pixels outside the box are background. So are pixels on the table, if its height is known, and
-    those that are farther behind the object than the box is wide. The part of an object is what of
-    the object is in the part's box, because its colour is often that of the rest.
+    Pixels outside the box are background, and so are those that are farther behind the object than
+    the box is wide. If the table's height is known, its pixels are background, too, and the largest
+    surface above it is foreground; colour only decides about the rest. The part of an object is
+    what of the object is in the part's box, because its colour is often that of the rest.
     """
 
     def __init__(self, table_height: float | None = None):
@@ -53,29 +58,32 @@ class GrabCutSegmenter:
         self, image: RgbdImage, camera: CameraModel, box: np.ndarray, inside: np.ndarray
     ) -> np.ndarray:
         """Returns the mask (H, W) of the object in a box, of which `inside` is the mask."""
-        possible = inside & ~self._background(image, camera, box, inside)
-        if not possible.any():
-            return possible
+        background = self._background(image, camera, box, inside)
+        labels = np.where(background, cv2.GC_BGD, cv2.GC_PR_FGD).astype(np.uint8)
+        if min(np.count_nonzero(background), np.count_nonzero(~background)) < _FEWEST:
+            return ~background
+        if self._table_height is not None:
+            measured = ~background & (image.depth > 0.0)
+            surface = largest_component(clean_mask(measured, image.depth, camera.K, _SURFACE))
+            labels[surface] = cv2.GC_FGD
         margin = _SURROUNDINGS * (box[2:] - box[:2])
         rows, columns = np.nonzero(
             box_mask(np.hstack([box[:2] - margin, box[2:] + margin]), inside.shape)
         )
         crop = np.s_[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1]
-        labels = np.where(possible[crop], cv2.GC_PR_FGD, cv2.GC_BGD).astype(np.uint8)
-        if possible[crop].all():
-            return possible
+        labels = np.ascontiguousarray(labels[crop])
         cv2.setRNGSeed(0)  # The clusters of colours start at random.
         bgr = cv2.cvtColor(image.rgb[crop], cv2.COLOR_RGB2BGR)
         cv2.grabCut(bgr, labels, None, None, None, _ITERATIONS, cv2.GC_INIT_WITH_MASK)
         mask = np.zeros_like(inside)
-        mask[crop] = labels == cv2.GC_PR_FGD
+        mask[crop] = (labels == cv2.GC_PR_FGD) | (labels == cv2.GC_FGD)
         return mask
 
     def _background(
         self, image: RgbdImage, camera: CameraModel, box: np.ndarray, inside: np.ndarray
     ) -> np.ndarray:
-        """Returns which pixels of a box are on the table or far behind the object, (H, W) bool."""
-        background = np.zeros_like(inside)
+        """Returns the pixels outside a box, on the table or far behind the object, (H, W) bool."""
+        background = ~inside
         points_C, pixels = unproject(image.depth, camera.K, inside)
         height = points_C @ camera.X_WC[2, :3] + camera.X_WC[2, 3]
         lowest = -np.inf if self._table_height is None else self._table_height + _ABOVE_TABLE

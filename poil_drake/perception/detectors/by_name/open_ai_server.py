@@ -138,7 +138,7 @@ def parse_boxes(text: str) -> np.ndarray:
     Raises:
         _AttemptFailedError: if there is no such list.
     """
-    decoder = json.JSONDecoder(parse_constant=float)
+    decoder, found = json.JSONDecoder(), None
     for start in (match.start() for match in re.finditer(r"\[", text)):
         try:
             items, _ = decoder.raw_decode(text, start)
@@ -146,8 +146,12 @@ def parse_boxes(text: str) -> np.ndarray:
             continue
         boxes = [item.get("bbox_2d") if isinstance(item, dict) else item for item in items]
         if all(_is_box(box) for box in boxes):
-            return np.array(boxes, dtype=float).reshape(-1, 4)
-    raise _AttemptFailedError(f"no JSON list of boxes: {text[:200]!r}")
+            found = np.array(boxes, dtype=float).reshape(-1, 4)
+            if len(found):
+                break
+    if found is None:
+        raise _AttemptFailedError(f"no JSON list of boxes: {text[:200]!r}")
+    return found
 
 
 def _is_box(box: object) -> bool:
