@@ -21,10 +21,11 @@ class Sam2Segmenter:
             MissingDependencyError: if transformers or the weights are missing.
         """
         folder = config.folder()
+        import torch
         from transformers import Sam2Model
 
         self._device = torch_device(config.device)
-        self._model = Sam2Model.from_pretrained(folder, local_files_only=True)
+        self._model = Sam2Model.from_pretrained(folder, dtype=torch.float32, local_files_only=True)
         self._model.to(self._device).eval()
         self._side = self._model.config.prompt_encoder_config.image_size
 

@@ -127,6 +127,16 @@ def test_sam3_finds_boxes_with_scores(tmp_path: Path, calls: Callable[..., list[
     assert seen[0]["attention_mask"].sum() == 2  # Two words, and padding.
 
 
+def test_weights_are_read_from_the_folder(tmp_path: Path) -> None:
+    config = Sam3(weights=saved(save_sam3, tmp_path), device="cpu", threshold=0.0)
+
+    first, again = (Sam3Finder(config).find(RGB, "mug") for _ in range(2))
+
+    # Weights that are not in the folder are drawn at random.
+    assert len(first.corners)
+    np.testing.assert_array_equal(first.corners, again.corners)
+
+
 @pytest.fixture
 def sam2(tmp_path: Path) -> Sam2Segmenter:
     return Sam2Segmenter(Sam2(weights=saved(save_sam2, tmp_path), device="cpu"))

@@ -1,23 +1,24 @@
-"""Writes models of transformers with random weights, small enough for tests, to folders."""
+"""Writes models with random weights, small enough for tests, to folders as on Hugging Face."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import torch
+from safetensors.torch import save_file
 from tokenizers import Tokenizer, models, pre_tokenizers
 from transformers import (
     BertTokenizer,
     GroundingDinoConfig,
     GroundingDinoForObjectDetection,
-    GroundingDinoImageProcessorPil,
     PreTrainedTokenizerFast,
     Qwen2_5_VLConfig,
     Qwen2_5_VLForConditionalGeneration,
-    Qwen2VLImageProcessorPil,
-    Sam2Config,
-    Sam2Model,
+    Sam2VideoConfig,
+    Sam2VideoModel,
     Sam3Config,
     Sam3Model,
+    Sam3VideoConfig,
 )
 
 SAM2_SIDE, SAM3_SIDE = 128, 112
@@ -75,7 +76,7 @@ def save_rex_omni(folder: Path) -> None:
     )
     Qwen2_5_VLForConditionalGeneration(config).save_pretrained(folder)
     tokenizer.save_pretrained(folder)
-    Qwen2VLImageProcessorPil().save_pretrained(folder)
+    save_image_processor("Qwen2VLImageProcessor", folder)
 
 
 def save_grounding_dino(folder: Path) -> None:
@@ -112,11 +113,12 @@ def save_grounding_dino(folder: Path) -> None:
     GroundingDinoForObjectDetection(config).save_pretrained(folder)
     BertTokenizer(vocab=vocabulary).save_pretrained(folder)
     size = {"shortest_edge": 64, "longest_edge": 96}
-    GroundingDinoImageProcessorPil(size=size).save_pretrained(folder)
+    save_image_processor("GroundingDinoImageProcessor", folder, size=size)
 
 
 def save_sam2(folder: Path) -> None:
-    config = Sam2Config(
+    """Writes a model for video, of which that for images is a part."""
+    config = Sam2VideoConfig(
         vision_config={
             "backbone_config": {
                 "model_type": "sam2_hiera_det_model",
@@ -143,11 +145,21 @@ def save_sam2(folder: Path) -> None:
             "num_attention_heads": 2,
             "iou_head_hidden_dim": 32,
         },
+        image_size=SAM2_SIDE,
+        memory_attention_hidden_size=32,
+        memory_attention_num_layers=1,
+        memory_attention_feed_forward_hidden_size=32,
+        memory_encoder_hidden_size=32,
+        memory_encoder_output_channels=16,
+        mask_downsampler_embed_dim=32,
+        memory_fuser_embed_dim=32,
+        memory_fuser_num_layers=1,
     )
-    Sam2Model(config).save_pretrained(folder)
+    Sam2VideoModel(config).save_pretrained(folder)
 
 
 def save_sam3(folder: Path) -> None:
+    """Writes a model for video, with weights only of the part that is the model for images."""
     tokenizer = word_tokenizer()
     small = {"hidden_size": 32, "num_attention_heads": 2}
     transformer = {**small, "num_layers": 1, "intermediate_size": 64}
@@ -181,8 +193,16 @@ def save_sam3(folder: Path) -> None:
         detr_decoder_config={**transformer, "num_queries": 5},
         mask_decoder_config=small,
     )
-    Sam3Model(config).save_pretrained(folder)
+    weights = Sam3Model(config).state_dict()
+    prefixed = {f"detector_model.{name}": value for name, value in weights.items()}
+    save_file(prefixed, folder / "model.safetensors", metadata={"format": "pt"})
+    Sam3VideoConfig(detector_config=config.to_dict()).save_pretrained(folder)
     tokenizer.save_pretrained(folder)
+
+
+def save_image_processor(name: str, folder: Path, **options: object) -> None:
+    text = json.dumps({"image_processor_type": name, **options})
+    (folder / "preprocessor_config.json").write_text(text)
 
 
 def saved(save: Callable[[Path], None], folder: Path) -> str:

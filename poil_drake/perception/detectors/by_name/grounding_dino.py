@@ -17,6 +17,7 @@ class GroundingDinoFinder:
             MissingDependencyError: if transformers or the weights are missing.
         """
         folder = config.folder()
+        import torch
         from transformers import (
             AutoImageProcessor,
             AutoTokenizer,
@@ -26,7 +27,9 @@ class GroundingDinoFinder:
 
         self._threshold = config.threshold
         self._device = torch_device(config.device)
-        self._model = GroundingDinoForObjectDetection.from_pretrained(folder, local_files_only=True)
+        self._model = GroundingDinoForObjectDetection.from_pretrained(
+            folder, dtype=torch.float32, local_files_only=True
+        )
         self._model.to(self._device).eval()
         self._processor = GroundingDinoProcessor(
             AutoImageProcessor.from_pretrained(folder, backend="pil", local_files_only=True),

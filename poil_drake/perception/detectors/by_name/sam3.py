@@ -21,11 +21,12 @@ class Sam3Finder:
             MissingDependencyError: if transformers or the weights are missing.
         """
         folder = config.folder()
+        import torch
         from transformers import AutoTokenizer, Sam3Model
 
         self._threshold = config.threshold
         self._device = torch_device(config.device)
-        self._model = Sam3Model.from_pretrained(folder, local_files_only=True)
+        self._model = Sam3Model.from_pretrained(folder, dtype=torch.float32, local_files_only=True)
         self._model.to(self._device).eval()
         self._tokenizer = AutoTokenizer.from_pretrained(folder, local_files_only=True)
         self._side = self._model.config.vision_config.backbone_config.image_size
