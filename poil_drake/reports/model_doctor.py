@@ -27,6 +27,6 @@ def model_findings() -> list[Finding]:
         try:
             found = f"weights in {model.folder()}"
         except MissingDependencyError as error:
-            found = f"optional; {error.problem} {error.remedy}"
+            found = f"optional weights, not found. {error.remedy}"
         findings.append(Finding(type(model).__name__, True, found, ""))
     return findings

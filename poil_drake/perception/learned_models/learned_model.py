@@ -2,6 +2,7 @@
 
 import importlib.util
 import logging
+import os
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -86,19 +87,25 @@ class LearnedModel:
             _warn_once(f"The weights of {name} are not for commercial use: {self.licence.name}.")
 
     def _missing(self, problem: str) -> MissingDependencyError:
-        terms = "" if self.licence.permissive else f", under the {self.licence.name}"
+        terms = "" if self.licence.permissive else f"accept the {self.licence.name} and "
         return MissingDependencyError(
             f"The weights '{self.weights}' of {type(self).__name__} {problem}.",
-            remedy=f"Run: hf download {type(self)().weights}{terms}; or set weights to the folder "
-            "that holds them.",
+            remedy=f"Set weights to the folder that holds them, or {terms}run: "
+            f"hf download {type(self)().weights}",
         )
 
 
-def torch_device(device: str) -> str:
-    """Returns the torch device that runs a model; see `LearnedModel.device`."""
+def prepare_device(device: str) -> str:
+    """Returns the torch device that runs a model; see `LearnedModel.device`.
+
+    If it is the CPU, torch may use all cores but one, which is left to a control loop.
+    """
     import torch
 
-    return device or ("cuda" if torch.cuda.is_available() else "cpu")
+    device = device or ("cuda" if torch.cuda.is_available() else "cpu")
+    if device == "cpu":
+        torch.set_num_threads(max(1, len(os.sched_getaffinity(0)) - 1))
+    return device
 
 
 @cache

@@ -1,9 +1,11 @@
 """Masks by SAM 2, from transformers."""
 
+from typing import Any
+
 import numpy as np
 
 from poil_drake.perception.images import CameraModel, RgbdImage
-from poil_drake.perception.learned_models.learned_model import torch_device
+from poil_drake.perception.learned_models.learned_model import prepare_device
 from poil_drake.perception.learned_models.square_input import square_input
 from poil_drake.perception.segmenters.config import Sam2
 from poil_drake.perception.segmenters.protocol import largest_component
@@ -24,9 +26,12 @@ class Sam2Segmenter:
         import torch
         from transformers import Sam2Model
 
-        self._device = torch_device(config.device)
+        self._device = prepare_device(config.device)
         self._model = Sam2Model.from_pretrained(folder, dtype=torch.float32, local_files_only=True)
         self._model.to(self._device).eval()
+        # Almost all time goes into the image, about which an object and its part are asked.
+        self._image: RgbdImage | None = None
+        self._embeddings: Any = None
         self._side = self._model.config.prompt_encoder_config.image_size
 
     def segment(
@@ -46,10 +51,12 @@ class Sam2Segmenter:
         scale = self._side / np.array([width, height, width, height])
         prompt = torch.tensor((boxes * scale)[None], dtype=torch.float32)
         with torch.inference_mode():
+            if image is not self._image:
+                pixels = square_input(image.rgb, self._side, _MEAN, _DEVIATION).to(self._device)
+                self._embeddings = self._model.get_image_embeddings(pixels)
+                self._image = image
             output = self._model(
-                pixel_values=square_input(image.rgb, self._side, _MEAN, _DEVIATION).to(
-                    self._device
-                ),
+                image_embeddings=self._embeddings,
                 input_boxes=prompt.to(self._device),
                 multimask_output=False,
             )

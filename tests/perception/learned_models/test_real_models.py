@@ -169,5 +169,22 @@ def test_sam2_keeps_a_part_within_its_object(sam2: Sam2Segmenter) -> None:
     assert not (mask & ~within).any()
 
 
+def test_sam2_sees_an_image_once_for_several_questions(
+    sam2: Sam2Segmenter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+    embed = Sam2Model.get_image_embeddings
+    monkeypatch.setattr(
+        Sam2Model,
+        "get_image_embeddings",
+        lambda self, pixels: seen.append(pixels) or embed(self, pixels),
+    )
+
+    for image in (RGBD, RGBD, RgbdImage(RGB[::-1], RGBD.depth, stamp=0.1)):
+        sam2.segment(image, CAMERA, BOX)
+
+    assert len(seen) == 2
+
+
 def test_sam2_makes_no_masks_of_no_boxes(sam2: Sam2Segmenter) -> None:
     assert sam2.segment(RGBD, CAMERA, np.zeros((0, 4))).shape == (0, HEIGHT, WIDTH)

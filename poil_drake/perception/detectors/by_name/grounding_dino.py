@@ -4,7 +4,7 @@ import numpy as np
 
 from poil_drake.perception.detectors.by_name.config import GroundingDino
 from poil_drake.perception.detectors.by_name.protocol import Boxes
-from poil_drake.perception.learned_models.learned_model import torch_device
+from poil_drake.perception.learned_models.learned_model import prepare_device
 
 
 class GroundingDinoFinder:
@@ -26,7 +26,7 @@ class GroundingDinoFinder:
         )
 
         self._threshold = config.threshold
-        self._device = torch_device(config.device)
+        self._device = prepare_device(config.device)
         self._model = GroundingDinoForObjectDetection.from_pretrained(
             folder, dtype=torch.float32, local_files_only=True
         )

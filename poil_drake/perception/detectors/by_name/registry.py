@@ -57,7 +57,8 @@ def make_named_detector(
 
 def build_detector(config: NamedDetectorConfig, table_height: float | None) -> NamedDetector:
     """Loads the models in this process; see `make_named_detector`."""
-    os.environ.setdefault("HF_HUB_DISABLE_PROGRESS_BARS", "1")
+    # Progress bars, and warnings that a checkpoint for video serves for images.
+    os.environ |= {"HF_HUB_DISABLE_PROGRESS_BARS": "1", "TRANSFORMERS_VERBOSITY": "error"}
     return NamedDetector(
         make_finder(config.finder),
         make_segmenter(config.segmenter, table_height),

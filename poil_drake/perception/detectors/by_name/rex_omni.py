@@ -6,7 +6,7 @@ import numpy as np
 
 from poil_drake.perception.detectors.by_name.config import RexOmni
 from poil_drake.perception.detectors.by_name.protocol import Boxes
-from poil_drake.perception.learned_models.learned_model import torch_device
+from poil_drake.perception.learned_models.learned_model import prepare_device
 
 _PROMPT = (
     "<|im_start|>system\nYou are a helpful assistant<|im_end|>\n"
@@ -44,7 +44,7 @@ class RexOmniFinder:
             Qwen2_5_VLForConditionalGeneration,
         )
 
-        self._device = torch_device(config.device)
+        self._device = prepare_device(config.device)
         dtype = torch.float32 if self._device == "cpu" else torch.bfloat16
         self._model = Qwen2_5_VLForConditionalGeneration.from_pretrained(
             folder, dtype=dtype, attn_implementation="sdpa", local_files_only=True

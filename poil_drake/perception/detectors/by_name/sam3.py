@@ -4,7 +4,7 @@ import numpy as np
 
 from poil_drake.perception.detectors.by_name.config import Sam3
 from poil_drake.perception.detectors.by_name.protocol import Boxes
-from poil_drake.perception.learned_models.learned_model import torch_device
+from poil_drake.perception.learned_models.learned_model import prepare_device
 from poil_drake.perception.learned_models.square_input import square_input
 
 _MEAN = _DEVIATION = (0.5, 0.5, 0.5)
@@ -25,7 +25,7 @@ class Sam3Finder:
         from transformers import AutoTokenizer, Sam3Model
 
         self._threshold = config.threshold
-        self._device = torch_device(config.device)
+        self._device = prepare_device(config.device)
         self._model = Sam3Model.from_pretrained(folder, dtype=torch.float32, local_files_only=True)
         self._model.to(self._device).eval()
         self._tokenizer = AutoTokenizer.from_pretrained(folder, local_files_only=True)
