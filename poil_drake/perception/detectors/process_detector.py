@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from threading import Event, Lock, Timer
 
-from poil_drake.errors import DetectionError
+from poil_drake.errors import DetectionError, PoilError
 from poil_drake.perception.detectors.protocol import Detector, PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.runtime.worker_process import WorkerEndedError, WorkerProcess, serve
@@ -42,7 +42,8 @@ class ProcessDetector:
         """Returns the masks of the object and of its part in each view; see `Detector.detect`.
 
         Raises:
-            DetectionError: also if the process hangs, dies, or fails, e.g. for lack of memory.
+            DetectionError: also if the process hangs or dies, or if the detector fails in any other
+                way, e.g. for lack of memory.
         """
         with self._lock:
             timeout, is_late = self._timeout, Event()
@@ -67,6 +68,8 @@ class ProcessDetector:
             except RuntimeError as error:  # Any other error in the worker, e.g. of its GPU.
                 self._end()
                 raise _failed(f"failed: {str(error).strip().splitlines()[-1]}") from error
+            except PoilError as error:
+                raise DetectionError(error.problem, remedy=error.remedy) from error
             finally:
                 timer.cancel()
 

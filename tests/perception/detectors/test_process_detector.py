@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from poil_drake.errors import DetectionError
+from poil_drake.errors import DetectionError, MissingDependencyError
 from poil_drake.perception.detectors import process_detector
 from poil_drake.perception.detectors.process_detector import ProcessDetector
 from poil_drake.perception.detectors.protocol import PartMasks
@@ -32,6 +32,8 @@ class StandIn:
             os.kill(os.getpid(), signal.SIGKILL)
         if object_label == "runs out of memory":
             raise RuntimeError("CUDA out of memory.")
+        if object_label == "lacks weights":
+            raise MissingDependencyError("No weights.", remedy="Get them.")
         if object_label == "sees nothing":
             raise DetectionError(f"There is no {part_label}.", remedy="Look.")
         masks = tuple(image.rgb[:, :, 0] == 7 for image in frame.images)
@@ -65,6 +67,8 @@ def test_masks_and_errors_are_those_of_the_detector_and_the_process_stays(
     pid = dut.pid
     with pytest.raises(DetectionError, match=r"There is no handle\. Look\."):
         detect(dut, "sees nothing")
+    with pytest.raises(DetectionError, match=r"No weights\. Get them\."):
+        detect(dut, "lacks weights")
     detect(dut, "mug")
 
     assert masks.part_masks[0].all()
