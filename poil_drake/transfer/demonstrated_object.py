@@ -35,7 +35,6 @@ from poil_drake.transfer.progress import Progress
 _SUPPORT_POINTS = 40  # tracked on the object, as in the paper
 _NEAR_FIXTURE = 0.04  # at the end, the object is at most this far from the fixture [m]
 _PIXEL_REACH = 0.006  # of a pixel from the shape [m]
-_OUTLIERS = {"neighbours": 16, "deviations": 2.5}
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,13 +128,14 @@ def find_demonstrated_object(
 
 def _joined(first: PointCloud, last: PointCloud, back: np.ndarray) -> PointCloud:
     """Returns the object's cloud in the first frame, and that in the last frame moved back."""
-    assert first.normals is not None and last.normals is not None
+    assert first.normals is not None
+    assert last.normals is not None
     cloud = PointCloud(
         np.concatenate([first.points, transform_points(back, last.points)]),
         np.concatenate([first.normals, last.normals @ back[:3, :3].T]),
     )
     cloud = voxel_downsample(cloud, SHAPE_FUSION.voxel_size)
-    return cloud.select(statistical_inliers(cloud.points, **_OUTLIERS))
+    return cloud.select(statistical_inliers(cloud.points, neighbours=16, deviations=2.5))
 
 
 def _fixture(

@@ -171,8 +171,10 @@ class PoilConfig:
         demonstration_parts: Like `parts`, for `demonstration_object`. A part that is not listed is
             the same as in `parts`.
         demonstration_motion: The object's motion in the built-in demonstration.
-        detector: Name of the part detector.
-        detector_config: Models and words of the detector `by_name`.
+        detector: How the object and its part are found: "demonstration" needs nothing but what the
+            demonstration shows; "by_name" asks a learned model for the words that name them;
+            "label_image" reads a simulator's label images.
+        detector_config: Models and words of the detector "by_name".
         tracker: Name of the point tracker.
         fusion: How the cameras' images become the part's cloud. The clouds of the whole object and
             of the obstacles have voxels twice as large.
@@ -211,7 +213,7 @@ class PoilConfig:
     demonstration_motion: DemonstrationMotionConfig = field(
         default_factory=DemonstrationMotionConfig
     )
-    detector: str = "label_image"
+    detector: str = "demonstration"
     detector_config: NamedDetectorConfig = field(default_factory=NamedDetectorConfig)
     tracker: str = "rigid_flow"
     fusion: FusionConfig = field(default_factory=FusionConfig)

@@ -26,6 +26,21 @@ from poil_drake.perception.segmenters.sam2 import Sam2Segmenter
 _RUNNING: dict[str, ProcessDetector] = {}
 
 
+def require_named_detector(config: NamedDetectorConfig) -> None:
+    """Checks that a configuration is complete, and that what it names is on this machine.
+
+    Raises:
+        InvalidValueError: if a licence is not accepted, or a server's configuration is incomplete.
+        MissingDependencyError: if a library or a model's weights are missing.
+    """
+    for part in (config.finder, config.segmenter):
+        if isinstance(part, LearnedModel):
+            part.check_licence()
+            part.folder()
+        elif isinstance(part, OpenAiServer):
+            make_finder(part)
+
+
 def make_named_detector(
     config: NamedDetectorConfig, *, table_height: float | None = None
 ) -> ProcessDetector:
@@ -39,17 +54,12 @@ def make_named_detector(
         table_height: Height of the plane on which the objects stand [m, world]; None if unknown.
 
     Raises:
-        InvalidValueError: if a licence is not accepted, or a server's configuration is incomplete.
-        MissingDependencyError: if a library or a model's weights are missing.
+        InvalidValueError: see `require_named_detector`.
+        MissingDependencyError: see `require_named_detector`.
     """
+    require_named_detector(config)
     key = repr((config, table_height))
     if key not in _RUNNING:
-        for part in (config.finder, config.segmenter):
-            if isinstance(part, LearnedModel):
-                part.check_licence()
-                part.folder()
-            elif isinstance(part, OpenAiServer):
-                make_finder(part)
         make = partial(build_detector, config, table_height)
         _RUNNING[key] = ProcessDetector(make, timeout=config.timeout)
     return _RUNNING[key]

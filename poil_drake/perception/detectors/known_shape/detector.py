@@ -11,7 +11,7 @@ from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors.known_shape.contact_region import grown_along_thin_piece
 from poil_drake.perception.detectors.known_shape.moved_object import Masks, world_points
 from poil_drake.perception.detectors.known_shape.object_clusters import object_clusters
-from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
+from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape, Placements
 from poil_drake.perception.detectors.known_shape.shape_search import FoundShape, search_shape
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
@@ -27,10 +27,10 @@ _MARGIN = 0.02  # by which other placements of the part must cost more
 _MIN_SEEN = 0.3  # share of the part's points that must be seen
 _MAX_THROUGH = 0.2  # largest share of the part's points that may be seen through
 _OTHER_PART = 0.03  # distance at which a part is another one [m]
-_OBJECT_REACH, _PART_REACH = 0.02, 0.015  # of the object and its part from the placed shape [m]
+_OBJECT_REACH, _PART_REACH = 0.03, 0.015  # of the object and its part from the placed shape [m]
 _PIXEL_REACH = 0.006  # of a pixel from the cloud [m]
 _START_QUANTILE = 0.6  # a thin part grows from those of its points that are farthest from the rest
-_GROWN_REACH, _TOLERANCE = 0.02, 0.003  # of a thin part that has grown [m]
+_GROWN_REACH, _TOLERANCE = 0.03, 0.003  # of a thin part that has grown [m]
 _THIN_SHARE = 0.6  # a part is thin if growing it in the shape itself gives this share of it
 
 
@@ -47,7 +47,7 @@ class KnownShapeDetector:
         *,
         table_height: float,
         background: np.ndarray | None = None,
-        rigid: bool = False,
+        is_same: bool = False,
     ):
         """Constructs the detector.
 
@@ -55,9 +55,10 @@ class KnownShapeDetector:
             shape: The shape to find.
             table_height: Height of the plane on which objects stand [m, world].
             background: (B, 3) points that belong to no object, such as the fixture's [m, world].
-            rigid: Whether the object has exactly this shape.
+            is_same: Whether to find the very object that the shape is of. It has not changed its
+                size, and probably is where the shape is.
         """
-        self._shape, self._table_height, self._rigid = shape, table_height, rigid
+        self._shape, self._table_height, self._is_same = shape, table_height, is_same
         self._background = np.zeros((0, 3)) if background is None else background
         own = shape.cloud.points
         grown = _transferred_part(own, shape.part, own, thin=True)
@@ -71,12 +72,12 @@ class KnownShapeDetector:
                 several places, or if no view shows it.
         """
         found = self._candidates(frame)
-        likely = sorted((c for c in found if c.cost <= _MAX_COST), key=lambda c: c.cost)
+        likely = sorted((one for one in found if one.cost <= _MAX_COST), key=_cost)
         if not likely:
-            best = f"; the best fit costs {min(c.cost for c in found):.2f}" if found else ""
+            best_cost = f"; the best fit costs {min(map(_cost, found)):.2f}" if found else ""
             raise DetectionError(
                 f"None of the {len(found)} objects on the table looks like the demonstrated "
-                f"'{object_label}'{best}, more than {_MAX_COST:g}.",
+                f"'{object_label}'{best_cost}, more than {_MAX_COST:g}.",
                 remedy="Put the object where the cameras see it, apart from others, or name it: "
                 "poil.detector.",
             )
@@ -102,7 +103,12 @@ class KnownShapeDetector:
             if len(cloud) < 50:
                 continue
             shape = search_shape(
-                self._shape, frame, cloud, table_height=self._table_height, rigid=self._rigid
+                self._shape,
+                frame,
+                cloud,
+                table_height=self._table_height,
+                rigid=self._is_same,
+                expected=Placements.at_rest(self._shape) if self._is_same else None,
             )
             found.append(_Candidate(masks, cloud, shape))
         return found
@@ -179,6 +185,10 @@ class _Candidate:
     @property
     def center(self) -> np.ndarray:
         return self.cloud.points.mean(axis=0)
+
+
+def _cost(candidate: _Candidate) -> float:
+    return candidate.cost
 
 
 def _filled(mask: np.ndarray, values: np.ndarray) -> np.ndarray:

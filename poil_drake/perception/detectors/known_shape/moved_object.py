@@ -79,9 +79,8 @@ def arrived_masks(
         near = np.zeros(new.shape, dtype=bool)
         near[new] = tree.query(where[new], distance_upper_bound=_NEAR)[0] < _NEAR
         count, pieces = _components(new)
-        share = np.bincount(pieces[near], minlength=count) / np.bincount(
-            pieces.ravel(), None, count
-        )
+        sizes = np.bincount(pieces.ravel(), minlength=count)
+        share = np.bincount(pieces[near], minlength=count) / np.maximum(sizes, 1)
         masks.append((share > _NEAR_SHARE)[pieces] & new)
     return tuple(masks)
 
@@ -100,7 +99,7 @@ def _opened(mask: np.ndarray) -> np.ndarray:
 
 def _components(mask: np.ndarray) -> tuple[int, np.ndarray]:
     """Returns the number of numbers and the number of each pixel's component, 0 outside."""
-    return cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)  # type: ignore[return-value]
+    return cv2.connectedComponents(mask.astype(np.uint8), connectivity=4)
 
 
 def _linked(clouds: list[np.ndarray]) -> list[list[int]]:

@@ -65,6 +65,11 @@ class Placements:
     log_scales: np.ndarray
     t: np.ndarray
 
+    @classmethod
+    def at_rest(cls, shape: KnownShape) -> "Placements":
+        """Returns the one placement that leaves a shape as and where it is."""
+        return cls(np.eye(3)[None], np.zeros((1, 3)), shape.center[None])
+
     def __len__(self) -> int:
         return len(self.t)
 
@@ -91,8 +96,8 @@ class ShapeFit:
 
     It is the mean cost of the shape's points, which are where the cluster is (0), where no view
     sees (up to 1/4), or where a view sees through (up to 1), plus the mean cost of the cluster's
-    points, which are on the shape (0) or off it (up to 1), plus priors. Of both clouds, points that determine the shape's pose
-    count more than others, because a mug's handle has few.
+    points, which are on the shape (0) or off it (up to 1), plus priors. Of both clouds, points that
+    determine the shape's pose count more than others, because a mug's handle has few.
     """
 
     def __init__(
@@ -185,7 +190,7 @@ class _Grid:
 
     def free_depth(self, frame: MultiViewFrame, table_height: float) -> np.ndarray:
         """Returns how deep each cell lies below the table or in space that a view sees through."""
-        cells = self.lower + np.indices(self.size).reshape(3, -1).T * _SPACING
+        cells = self.lower + np.indices(tuple(self.size)).reshape(3, -1).T * _SPACING
         free = cells[:, 2] < table_height - _SPACING
         for camera, image in zip(frame.cameras, frame.images, strict=True):
             uv, z = project(cells, camera.K, camera.X_WC)

@@ -18,9 +18,9 @@ _KEPT, _VARIED = 120, 12  # placements that survive the first round, and variant
 _FEWEST = 30  # placements that survive the last coarse round
 _MODES = 16  # that are refined
 _DESCENT_STEPS = 15
-_STEPS = np.repeat(
-    [0.03, 0.03, 0.003], 3
-)  # of differences in rotation [rad], log scale, position [m]
+_STEPS = np.repeat([0.03, 0.03, 0.003], 3)  # in rotation [rad], log scale, position [m]
+_DAMPING = 1e-5  # of the first step
+_CERTAIN = 0.06  # cost below which an expected placement is right
 _SHARES = np.array([1.0, 0.5, 0.2, 0.05])  # of a step that are tried
 _MODE_ANGLE, _MODE_DISTANCE = np.deg2rad(30.0), 0.02  # [rad, m]; nearer placements are one mode
 _START = np.array([0.25, 0.012, 0.12])  # deviations in rotation [rad], position [m], log scale
@@ -56,6 +56,7 @@ def search_shape(
     *,
     table_height: float,
     rigid: bool = False,
+    expected: Placements | None = None,
 ) -> FoundShape:
     """Returns the ways in which a shape fits a cluster.
 
@@ -69,9 +70,15 @@ def search_shape(
         cluster: The points, with normals [m, world].
         table_height: Height of the plane on which objects stand [m, world].
         rigid: Whether the shape keeps its size.
+        expected: Where the shape probably is. If it fits well there, nothing else is searched.
     """
     rng = np.random.default_rng(0)
     stretch = 0.0 if rigid else 1.0
+    fine = ShapeFit(shape, frame, cluster, table_height=table_height, count=_FINE_POINTS)
+    if expected is not None:
+        near = _descended(fine, expected, stretch)
+        if (costs := fine.cost(near))[0] < _CERTAIN:
+            return FoundShape(near, costs, fine)
     coarse = ShapeFit(shape, frame, cluster, table_height=table_height, count=_COARSE_POINTS)
     placed = _first(shape, cluster.points, table_height, stretch, rng)
     costs = coarse.cost(placed)
@@ -82,7 +89,6 @@ def search_shape(
         new = _varied(placed, _VARIED, deviations, stretch, rng)
         placed, costs = placed.joined(new), np.concatenate([costs, coarse.cost(new)])
         deviations, kept = _SHRINK * deviations, max(_FEWEST, kept * 3 // 4)
-    fine = ShapeFit(shape, frame, cluster, table_height=table_height, count=_FINE_POINTS)
     modes = placed.select(np.array(_modes(shape, placed, np.argsort(costs, kind="stable"))))
     modes = _descended(fine, modes, stretch)
     costs = fine.cost(modes)
@@ -183,36 +189,24 @@ def _descended(fit: ShapeFit, placed: Placements, stretch: float) -> Placements:
 
     The clouds are sampled in steps of millimetres, so derivatives are differences over such steps.
     """
-    damping, cost = np.full(len(placed), 1e-2), fit.cost(placed)
-    steps = (
-        np.concatenate([np.diag(_STEPS), -np.diag(_STEPS)])
-        * np.r_[1.0, 1.0, 1.0, [stretch] * 3, 1.0, 1.0, 1.0]
-    )
+    count, numbers = len(placed), np.arange(len(placed))
+    steps = np.diag(_STEPS * np.repeat([1.0, stretch, 1.0], 3))
+    steps = np.concatenate([np.zeros((1, 9)), steps, -steps])
+    damping, cost = np.full(count, _DAMPING), fit.cost(placed)
     for _ in range(_DESCENT_STEPS):
-        residuals = fit.residuals(_moved(placed, np.zeros((len(placed), 1, 9)), stretch))
-        around = fit.residuals(_moved(placed, np.tile(steps, (len(placed), 1, 1)), stretch))
-        around = around.reshape(len(placed), 2, 9, -1)
-        J = (around[:, 0] - around[:, 1]) / (2.0 * _STEPS[:, None])
-        H = J @ np.swapaxes(J, 1, 2)
-        g = (J @ residuals[..., None])[..., 0]
-        H += damping[:, None, None] * np.eye(9) / _STEPS**2 * 1e-3
-        step = -np.linalg.solve(H, g[..., None])[..., 0]
-        shares = _SHARES[None, :, None] * step[:, None]
-        tried = _moved(placed, shares, stretch)
-        costs = fit.cost(tried).reshape(len(placed), -1)
+        around = fit.residuals(_moved(placed, np.tile(steps, (count, 1, 1)), stretch))
+        around = around.reshape(count, 19, -1)
+        J = (around[:, 1:10] - around[:, 10:]) / (2.0 * _STEPS[:, None])
+        H = J @ np.swapaxes(J, 1, 2) + damping[:, None, None] * np.diag(_STEPS**-2.0)
+        step = -np.linalg.solve(H, J @ around[:, 0, :, None])[..., 0]
+        tried = _moved(placed, _SHARES[:, None] * step[:, None], stretch)
+        costs = fit.cost(tried).reshape(count, -1)
         best = np.argmin(costs, axis=1)
-        better = costs[np.arange(len(placed)), best] < cost
-        chosen = tried.select(np.arange(len(placed)) * len(_SHARES) + best)
-        placed = Placements(
-            *(
-                np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
-                for new, old in (
-                    (getattr(chosen, n), getattr(placed, n)) for n in ("R", "log_scales", "t")
-                )
-            )
-        )
-        cost = np.where(better, costs.min(axis=1), cost)
-        damping = np.where(better, damping * 0.5, damping * 5.0)
+        better = costs[numbers, best] < cost
+        index = np.where(better, count + len(_SHARES) * numbers + best, numbers)
+        placed = placed.joined(tried).select(index)
+        cost = np.where(better, costs[numbers, best], cost)
+        damping = np.where(better, 0.5, 5.0) * damping
     return placed
 
 
