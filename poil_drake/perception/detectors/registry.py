@@ -51,10 +51,16 @@ def make_detector(
         table_height: Height of the plane on which the objects stand [m, world]; None if unknown.
 
     Raises:
-        InvalidValueError: see `require_detector`.
+        InvalidValueError: see `require_detector`; also for the detector `DEMONSTRATION`, which
+            knows shapes instead of names.
         MissingDependencyError: see `require_detector`.
     """
     require_detector(name, config)
+    if name == DEMONSTRATION:
+        raise InvalidValueError(
+            f"The detector '{name}' knows no names.",
+            remedy="Make it by find_demonstrated_object, or choose another detector.",
+        )
     if name == BY_NAME:
         return make_named_detector(config or NamedDetectorConfig(), table_height=table_height)
     return LabelImageDetector()

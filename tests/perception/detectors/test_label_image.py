@@ -105,6 +105,11 @@ def test_detection_by_name_needs_its_configuration() -> None:
         make_detector("by_name", config)
 
 
+def test_the_detector_of_demonstrations_is_not_made_by_name() -> None:
+    with pytest.raises(InvalidValueError, match="'demonstration' knows no names"):
+        make_detector("demonstration")
+
+
 def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(InvalidValueError, match=r"'owl'.*label_image"):
         make_detector("owl")
