@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import (
@@ -12,6 +13,7 @@ from poil_drake.geometry.rigid_transform import (
     rotation_exp,
     transform_points,
 )
+from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 
@@ -146,6 +148,13 @@ def surface(boxes: Boxes, *, step: float = 0.003) -> PointCloud:
     joined = np.concatenate(points)
     outside = np.all([~_inside(b, joined) for b in boxes], axis=0)
     return PointCloud(joined[outside], np.concatenate(normals)[outside])
+
+
+def known_shape(rest: Boxes, part: Boxes) -> KnownShape:
+    """Returns the shape of an object with a functional part, seen from all sides."""
+    cloud = surface(rest + part)
+    is_part = cKDTree(surface(part).points).query(cloud.points)[0] < 1e-9
+    return KnownShape(cloud, is_part, np.zeros(len(cloud), dtype=bool))
 
 
 def _steps(half: float, step: float) -> np.ndarray:

@@ -57,7 +57,7 @@ def PlanScenario(
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
     recorded.check_plausible(table_height=poil.table_height)
-    require_detector(poil.detector)
+    require_detector(poil.detector, poil.detector_config)
     tracker = MakeScenarioTracker(poil)
     with WorkerExecutor("poil_drake.grasping.planner", "torch") as worker:
         with MakeStation(

@@ -11,6 +11,7 @@ from box_scene import (
     Boxes,
     Picture,
     agreement,
+    known_shape,
     picture,
     placed,
     pose,
@@ -22,7 +23,7 @@ from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetec
 from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
 from poil_drake.perception.detectors.protocol import PartMasks
 
-SHAPE = KnownShape(surface(CUP), surface(CUP).points[:, 0] > BODY[0].half[0])
+SHAPE = known_shape(BODY, HANDLE)
 LABELS = {"object_label": "cup", "part_label": "handle"}
 HERE = pose(0.0, -0.05, yaw=20.0)
 
@@ -119,7 +120,7 @@ def test_a_part_that_no_view_shows_is_not_guessed() -> None:
 
 
 def test_a_part_may_be_the_whole_object() -> None:
-    whole = KnownShape(surface(BLOCK), np.ones(len(surface(BLOCK)), dtype=bool))
+    whole = known_shape((), BLOCK)
     seen = picture({"block": placed(BLOCK, HERE)})
 
     found = detect(seen, shape=whole)

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from box_scene import BLOCK, BODY, CUP, picture, placed, pose, surface
+from box_scene import BLOCK, BODY, CUP, HANDLE, known_shape, picture, placed, pose, surface
 
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import rotation_exp
 from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape, Placements, ShapeFit
 
-SHAPE = KnownShape(surface(CUP), surface(CUP).points[:, 0] > BODY[0].half[0])
+SHAPE = known_shape(BODY, HANDLE)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def test_a_shape_at_rest_is_where_it_was() -> None:
 def test_a_shape_is_stretched_along_its_axes_then_turned_then_moved() -> None:
     # A flat bar, whose axes are those of the frame: it is shortest along z and longest along x.
     bar = PointCloud(np.array([[2.0, 0, 0], [-2, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 0.1]]))
-    shape = KnownShape(bar, np.ones(5, dtype=bool))
+    shape = KnownShape(bar, np.ones(5, dtype=bool), np.zeros(5, dtype=bool))
     quarter = rotation_exp(np.array([[0.0, 0.0, np.pi / 2.0]]))
     # `eigh` sorts the axes by length.
     stretched = Placements(quarter, np.log([[1.0, 1.0, 3.0]]), np.array([[10.0, 20.0, 30.0]]))
