@@ -1,6 +1,7 @@
 """CoTracker3: a network that tracks pixels in a video; here in each view, lifted by depth.
 
-Karaev et al., "CoTracker3: Simpler and Better Point Tracking by Pseudo-Labelling Real Videos", 2024.
+Karaev et al., "CoTracker3: Simpler and Better Point Tracking by Pseudo-Labelling Real Videos",
+2024.
 """
 
 import numpy as np
@@ -13,7 +14,6 @@ from poil_drake.perception.trackers.rigid_points.sight import lift_pixels, visib
 from poil_drake.perception.trackers.rigid_points.tracker import Matches, RigidPointsState
 
 _WINDOW = 16  # frames of one window of the online model
-_MIN_FRAMES = 8  # half a window
 
 
 class CoTracker3(ClipTracker):
@@ -35,12 +35,13 @@ class CoTracker3(ClipTracker):
         """
         self.config = config or CoTracker3Config()
         super().__init__(
-            self.config, script="co_tracker3_script.py", min_frames=_MIN_FRAMES, window=_WINDOW
+            self.config, script="co_tracker3_script.py", min_frames=_WINDOW, window=_WINDOW
         )
 
     def _observe(self, state: RigidPointsState, clip: Clip, timeout: float) -> Matches:
         new = clip.frames[clip.newest]
-        request, ids = {}, {}
+        request: dict[str, np.ndarray] = {}
+        ids = {}
         for view in range(len(new.cameras)):
             ids[view], queries = _queries(state.points, clip, view)
             if ids[view].size:

@@ -41,7 +41,7 @@ def make_handler(setup: Mapping[str, str]) -> Callable[[dict], dict]:
         answer = {}
         for name in [name for name in request if name.startswith("rgb_")]:
             view = name.removeprefix("rgb_")
-            video = tensor(request[name].transpose(0, 3, 1, 2))  # 0 to 255
+            video = tensor(request[name]).permute(0, 1, 4, 2, 3)  # 0 to 255
             options = {"grid_size": 0, "add_support_grid": True}
             with torch.no_grad():
                 # The first call only stores the queries and clears the last window.

@@ -30,10 +30,12 @@ def make_handler(setup: Mapping[str, str]) -> Callable[[dict], dict]:
     for key in ("state_dict", "model"):
         weights = weights[key] if isinstance(weights.get(key), dict) else weights
     weights = {name.removeprefix("model."): value for name, value in weights.items()}
-    predictor.model.load_state_dict(weights)
+    _, unexpected = predictor.model.load_state_dict(weights, strict=False)
+    if unexpected:
+        raise ValueError(f"{setup['weights']} holds the weights of another model: {unexpected[:3]}")
     predictor = predictor.to(setup["device"]).eval()
-    on_gpu = setup["device"].startswith("cuda")
-    recent = on_gpu and torch.cuda.get_device_capability(setup["device"])[0] >= 8
+    kind = torch.device(setup["device"]).type
+    old = kind == "cuda" and torch.cuda.get_device_capability(setup["device"])[0] < 8
     torch.set_float32_matmul_precision("high")
 
     def tensor(array: np.ndarray) -> "torch.Tensor":
@@ -54,14 +56,10 @@ def make_handler(setup: Mapping[str, str]) -> Callable[[dict], dict]:
         if not all(np.isfinite(array).all() for array in request.values()):
             raise ValueError("The request is not finite.")  # The model would open a debugger.
         frames = request["depth"].shape[1]
-        with (
-            torch.no_grad(),
-            torch.autocast(
-                "cuda", dtype=torch.bfloat16 if recent else torch.float16, enabled=on_gpu
-            ),
-        ):
+        half = torch.float16 if old else torch.bfloat16
+        with torch.no_grad(), torch.autocast(kind, dtype=half, enabled=kind == "cuda"):
             answer = predictor(
-                rgbs=tensor(request["rgb"].transpose(0, 1, 4, 2, 3)),  # 0 to 255
+                rgbs=tensor(request["rgb"]).permute(0, 1, 2, 5, 3, 4),  # 0 to 255
                 depths=tensor(request["depth"][:, :, None]),
                 intrs=tensor(request["K"])[:, :, None].expand(-1, -1, frames, -1, -1),
                 extrs=tensor(request["X_CW"])[:, :, None].expand(-1, -1, frames, -1, -1),
