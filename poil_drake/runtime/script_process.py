@@ -94,7 +94,7 @@ class ScriptProcess:
             raise ScriptProcessError(self._ended())
         begin = time.monotonic()
         # A frozen process does not even read, so sending, too, ends only when it is killed.
-        alarm = threading.Timer(timeout, self.kill)
+        alarm = threading.Timer(min(timeout, threading.TIMEOUT_MAX), self.kill)
         alarm.daemon = True
         alarm.start()
         try:

@@ -16,6 +16,7 @@ from poil_drake.errors import ScenarioError
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.fusion import FusionConfig
+from poil_drake.perception.trackers.registry import TrackerConfigs
 from poil_drake.robots.collision import CollisionConfig
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.disturbance_injector import Pulse
@@ -171,7 +172,9 @@ class PoilConfig:
             the same as in `parts`.
         demonstration_motion: The object's motion in the built-in demonstration.
         detector: Name of the part detector.
-        tracker: Name of the point tracker.
+        tracker: Name of the point tracker: rigid_flow, lucas_kanade, mvtracker, cotracker3, or
+            ground_truth.
+        tracker_config: Tracker's name -> its parameters.
         fusion: How the cameras' images become the part's cloud. The clouds of the whole object and
             of the obstacles have voxels twice as large.
         grasp: How grasps are sampled.
@@ -211,6 +214,7 @@ class PoilConfig:
     )
     detector: str = "label_image"
     tracker: str = "rigid_flow"
+    tracker_config: TrackerConfigs = field(default_factory=TrackerConfigs)
     fusion: FusionConfig = field(default_factory=FusionConfig)
     grasp: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)
     clearance: CollisionConfig = field(default_factory=CollisionConfig)

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.depth_image import project
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
+from poil_drake.perception.positive_fields import check_positive
 from poil_drake.perception.trackers.rigid_points.sight import lift_pixels, visible
 from poil_drake.perception.trackers.rigid_points.tracker import (
     Matches,
@@ -35,6 +37,15 @@ class LucasKanadeConfig:
     levels: int = 3
     max_return_error: float = 1.0
     support_points: int = field(default=40, metadata={"yaml": False})
+
+    def __post_init__(self) -> None:
+        check_positive(self, "max_return_error", "support_points")
+        for name, least, most in (("window", 3, 201), ("levels", 0, 10)):
+            if not least <= getattr(self, name) <= most:
+                raise InvalidValueError(
+                    f"LucasKanadeConfig.{name} is {getattr(self, name)}.",
+                    remedy=f"Set a whole number from {least} to {most}.",
+                )
 
 
 class LucasKanadeTracker(RigidPointsTracker):

@@ -1,8 +1,9 @@
 """The base of learned trackers: it keeps a clip of frames, and asks a model's process about it."""
 
-import warnings
+import sys
 from abc import abstractmethod
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -73,7 +74,7 @@ class ClipTracker(RigidPointsTracker):
         super().__init__(support_points=config.support_points, memory=window - 2)
         self._environment, self._script = config, str(Path(__file__).with_name(script))
         self._min_frames, self._process = min_frames, None
-        warnings.warn(f"The licence of {config.name}: {config.licence}.", stacklevel=3)
+        _print_once(f"poil: the licence of {config.name}: {config.licence}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Supports pickling: a copy starts its own process."""
@@ -119,14 +120,9 @@ class ClipTracker(RigidPointsTracker):
     def _launch(self) -> None:
         self.close()
         where = self._environment
-        paths = {"repository": where.repository, "weights": where.weights}
-        setup = {name: str(Path(path).expanduser()) for name, path in paths.items()}
+        setup = {name: getattr(where, name) for name in ("repository", "weights", "device")}
         try:
-            self._process = ScriptProcess(
-                str(Path(where.python).expanduser()),
-                self._script,
-                {**setup, "device": where.device},
-            )
+            self._process = ScriptProcess(where.python, self._script, setup)
         except ScriptProcessError as error:
             raise self._failed(str(error)) from error
 
@@ -153,3 +149,8 @@ class ClipTracker(RigidPointsTracker):
             remedy="Start tracking again. Check the output of the process, and whether memory ran "
             "out; `poil doctor` checks its environment.",
         )
+
+
+@cache
+def _print_once(line: str) -> None:
+    print(line, file=sys.stderr)

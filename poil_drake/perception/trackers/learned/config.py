@@ -1,15 +1,17 @@
 """Parameters of the learned trackers. Importing this loads none of their libraries."""
 
-import math
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from poil_drake.errors import InvalidValueError
+from poil_drake.perception.positive_fields import check_positive
 
 
 @dataclass(frozen=True, kw_only=True)
 class ModelEnvironment:
     """Where a model runs. The three paths are needed.
+
+    Class attributes: `name`, the model's name; `licence`, of its code and weights; `sources`, the
+    addresses of its repository and of its weights.
 
     Attributes:
         python: The Python interpreter of an environment with the model's requirements.
@@ -38,16 +40,7 @@ class ModelEnvironment:
     support_points: int = field(default=40, metadata={"yaml": False})
 
     def __post_init__(self) -> None:
-        self._check_positive("load_timeout", "timeout")
-
-    def _check_positive(self, *names: str) -> None:
-        for name in names:
-            value = getattr(self, name)
-            if not 0.0 < value < math.inf:
-                raise InvalidValueError(
-                    f"{type(self).__name__}.{name} is {value}.",
-                    remedy="Set a positive, finite number.",
-                )
+        check_positive(self, "load_timeout", "timeout")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +68,7 @@ class MvTrackerConfig(ModelEnvironment):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check_positive("scene_scale", "max_depth")
+        check_positive(self, "scene_scale", "max_depth")
 
 
 @dataclass(frozen=True, kw_only=True)

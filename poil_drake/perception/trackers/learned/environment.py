@@ -24,9 +24,9 @@ def check_environment(config: ModelEnvironment) -> str:
     for field, (place, is_there, problem) in places.items():
         if not place:
             raise _missing(config, f"no path of its {field} is set")
-        if not is_there(Path(place).expanduser()):
+        if not is_there(Path(place)):
             raise _missing(config, f"{field} '{place}' {problem}")
-    command = [str(Path(config.python).expanduser()), "-I", "-c", _PROBE]
+    command = [config.python, "-I", "-c", _PROBE]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=_PROBE_TIMEOUT)
     except (OSError, subprocess.TimeoutExpired) as error:
