@@ -171,12 +171,12 @@ def _serve(connection: Connection, script: str, setup: dict[str, str]) -> None:
 
 
 def _try(function: Callable) -> tuple:
-    """Returns (result, ""), or (None, description of the error), whose traceback is printed."""
+    """Returns (result, ""), or (None, one line on the error), and then prints the traceback."""
     try:
         return function(), ""
     except Exception as error:
         traceback.print_exc()
-        return None, f"{type(error).__name__}: {error}"
+        return None, " ".join(f"{type(error).__name__}: {error}".split())
 
 
 if __name__ == "__main__":

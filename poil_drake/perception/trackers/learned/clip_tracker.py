@@ -97,8 +97,12 @@ class ClipTracker(RigidPointsTracker):
         output = super().start(frame, query_points, object_masks)
         if self.pid is None:
             self._launch()
-        patience = self._environment.load_timeout
-        self._observe(output.state, make_clip(output.state, frame, self._min_frames), patience)
+        clip = make_clip(output.state, frame, self._min_frames)
+        try:
+            self._observe(output.state, clip, self._environment.load_timeout)
+        except TrackingError:
+            self.close()  # A model that could not be loaded is loaded again by the next start.
+            raise
         return output
 
     def close(self) -> None:
