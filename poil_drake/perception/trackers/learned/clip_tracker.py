@@ -4,13 +4,13 @@ import sys
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from poil_drake.errors import TrackingError
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.trackers.learned.clip_process import ClipProcess
 from poil_drake.perception.trackers.learned.config import ModelEnvironment
 from poil_drake.perception.trackers.learned.environment import check_environment
 from poil_drake.perception.trackers.protocol import TrackerOutput
@@ -20,7 +20,6 @@ from poil_drake.perception.trackers.rigid_points.tracker import (
     RigidPointsTracker,
     Sighting,
 )
-from poil_drake.runtime.script_process import ScriptProcess, ScriptProcessError
 
 
 class Clip(NamedTuple):
@@ -52,18 +51,18 @@ def make_clip(state: RigidPointsState, frame: MultiViewFrame, min_frames: int) -
 class ClipTracker(RigidPointsTracker):
     """Tracks points by a model in a process of its own; a `Tracker`.
 
-    Each frame is tracked from a clip, and the state holds all frames of the next clip, so the
-    process keeps nothing. `start` starts the process, if none runs, and tracks once, which also
-    compiles kernels. If the process dies, answers with an error or does not answer in time, `start`
-    and `step` raise a TrackingError with the reason; the next `start` starts a new process.
+    Each frame is tracked from a clip of frames that the state holds, so the process knows nothing
+    else. `start` starts the process, if none runs, and tracks once, which also compiles kernels. If
+    the process dies, answers with an error or does not answer in time, `start` and `step` raise a
+    TrackingError with the reason. The next `start` replaces a process that has ended.
     """
 
-    def __init__(self, config: ModelEnvironment, *, script: str, min_frames: int, window: int):
+    def __init__(self, config: ModelEnvironment, *, model: str, min_frames: int, window: int):
         """Checks the environment; the process starts later.
 
         Args:
             config: Where the model runs.
-            script: Name of the script in this folder that runs the model.
+            model: The model's name in `model_script.py`.
             min_frames: Least number of frames in a clip; the last is repeated.
             window: Largest number of frames in a clip.
 
@@ -72,20 +71,18 @@ class ClipTracker(RigidPointsTracker):
         """
         check_environment(config)
         super().__init__(support_points=config.support_points, memory=window - 2)
-        self._environment, self._script = config, str(Path(__file__).with_name(script))
-        self._min_frames, self._process = min_frames, None
+        self._environment, self._model, self._min_frames = config, model, min_frames
+        self._process: ClipProcess | None = None
         _print_once(f"poil: the licence of {config.name}: {config.licence}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Supports pickling: a copy starts its own process."""
         return {**self.__dict__, "_process": None}
 
-    _process: ScriptProcess | None
-
     @property
     def pid(self) -> int | None:
         """The model's process ID; None while no process runs."""
-        return self._process.pid if self._process is not None and self._process.alive else None
+        return None if self._process is None else self._process.pid
 
     def start(
         self,
@@ -96,12 +93,13 @@ class ClipTracker(RigidPointsTracker):
         """Starts tracking; see `RigidPointsTracker.start`."""
         output = super().start(frame, query_points, object_masks)
         if self.pid is None:
-            self._launch()
+            self.close()
+            self._process = ClipProcess(self._environment, model=self._model, encode=self._encode)
         clip = make_clip(output.state, frame, self._min_frames)
         try:
             self._observe(output.state, clip, self._environment.load_timeout)
         except TrackingError:
-            self.close()  # A model that could not be loaded is loaded again by the next start.
+            self.close()  # So that the next start loads the model again.
             raise
         return output
 
@@ -112,47 +110,28 @@ class ClipTracker(RigidPointsTracker):
             self._process = None
 
     @abstractmethod
+    def _encode(self, frame: MultiViewFrame) -> Mapping[str, np.ndarray]:
+        """Returns the arrays of a frame that the model needs."""
+
+    @abstractmethod
     def _observe(self, state: RigidPointsState, clip: Clip, timeout: float) -> Matches:
         """Returns where the clip's newest frame shows `state.points`, by calling `_ask`."""
+
+    def _ask(
+        self, clip: Clip, request: Mapping[str, np.ndarray], timeout: float
+    ) -> dict[str, np.ndarray]:
+        """Returns the model's answer; see `ClipProcess.ask`."""
+        if self._process is None:
+            raise TrackingError(
+                f"{self._environment.name} does not run.", remedy="Start tracking again."
+            )
+        return self._process.ask(clip.frames, request, timeout=timeout)
 
     def _match(
         self, state: RigidPointsState, frame: MultiViewFrame, predicted: np.ndarray
     ) -> Matches:
         clip = make_clip(state, frame, self._min_frames)
         return self._observe(state, clip, self._environment.timeout)
-
-    def _launch(self) -> None:
-        self.close()
-        where = self._environment
-        setup = {name: getattr(where, name) for name in ("repository", "weights", "device")}
-        try:
-            self._process = ScriptProcess(where.python, self._script, setup)
-        except ScriptProcessError as error:
-            raise self._failed(str(error)) from error
-
-    def _ask(self, request: Mapping[str, np.ndarray], timeout: float) -> dict[str, np.ndarray]:
-        """Returns the answer of the model's process.
-
-        Raises:
-            TrackingError: if there is no answer, or if it holds only zeros, with which a model
-                answers a clip that is too short.
-        """
-        if self._process is None:
-            raise self._failed("does not run")
-        try:
-            answer = self._process.ask(request, timeout=timeout)
-        except ScriptProcessError as error:
-            raise self._failed(str(error)) from error
-        if not any(array.any() for name, array in answer.items() if name.startswith("tracks")):
-            raise self._failed("has returned no tracks")
-        return answer
-
-    def _failed(self, reason: str) -> TrackingError:
-        return TrackingError(
-            f"The process of {self._environment.name} {reason}.",
-            remedy="Start tracking again. Check the output of the process, and whether memory ran "
-            "out; `poil doctor` checks its environment.",
-        )
 
 
 @cache

