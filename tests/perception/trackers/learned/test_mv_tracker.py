@@ -138,6 +138,16 @@ def test_the_model_gets_no_values_that_are_not_finite(config):
         )
 
 
+def test_a_killed_process_is_replaced_at_the_next_start(dut, started, shoot, mug_scene):
+    os.kill(dut.pid, signal.SIGKILL)
+    with pytest.raises(TrackingError, match="has ended with status -9"):
+        dut.step(started.state, shoot(5)[0])
+
+    again = dut.start(shoot()[0], mug_scene.handle_points, shoot()[1])
+
+    assert not dut.step(again.state, shoot(5, time=0.1)[0]).lost
+
+
 @pytest.mark.parametrize(
     ("told", "reason"),
     [
@@ -157,16 +167,6 @@ def test_a_dying_or_silent_process_means_lost_until_the_next_start(
     assert dut.pid is None
     with pytest.raises(TrackingError, match="has ended"):
         dut.step(started.state, frame)
-
-
-def test_a_killed_process_is_replaced_at_the_next_start(dut, started, shoot, mug_scene):
-    os.kill(dut.pid, signal.SIGKILL)
-    with pytest.raises(TrackingError, match="has ended with status -9"):
-        dut.step(started.state, shoot(5)[0])
-
-    again = dut.start(shoot()[0], mug_scene.handle_points, shoot()[1])
-
-    assert not dut.step(again.state, shoot(5, time=0.1)[0]).lost
 
 
 def test_it_runs_in_a_worker_process(config, shoot, mug_scene):
