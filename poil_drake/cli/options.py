@@ -54,10 +54,12 @@ Tracker = Annotated[
     str | None,
     typer.Option(
         "--tracker",
-        help="rigid_flow (default), lucas_kanade, mvtracker, cotracker3, or the baseline ground_truth.",
+        help="rigid_flow (default), lucas_kanade, mvtracker, cotracker3, or ground_truth (baseline).",
     ),
 ]
-Detector = Annotated[str | None, typer.Option("--detector", help="label_image (default).")]
+Detector = Annotated[
+    str | None, typer.Option("--detector", help="demonstration (default) or label_image.")
+]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")]
 Html = Annotated[
     Path | None, typer.Option("--html", help="Meshcat recording. Default: out/run.html.")

@@ -171,7 +171,8 @@ class PoilConfig:
         demonstration_parts: Like `parts`, for `demonstration_object`. A part that is not listed is
             the same as in `parts`.
         demonstration_motion: The object's motion in the built-in demonstration.
-        detector: Name of the part detector.
+        detector: How the object and its part are found: "demonstration" needs nothing but what the
+            demonstration shows; "label_image" reads a simulator's label images.
         tracker: Name of the point tracker: rigid_flow, lucas_kanade, mvtracker, cotracker3, or
             ground_truth.
         tracker_config: Tracker's name -> its parameters.
@@ -212,7 +213,7 @@ class PoilConfig:
     demonstration_motion: DemonstrationMotionConfig = field(
         default_factory=DemonstrationMotionConfig
     )
-    detector: str = "label_image"
+    detector: str = "demonstration"
     tracker: str = "rigid_flow"
     tracker_config: TrackerConfigs = field(default_factory=TrackerConfigs)
     fusion: FusionConfig = field(default_factory=FusionConfig)
