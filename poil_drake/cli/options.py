@@ -54,7 +54,7 @@ Tracker = Annotated[
     str | None,
     typer.Option(
         "--tracker",
-        help="rigid_flow (default), lucas_kanade, mvtracker, cotracker3 or ground_truth (baseline).",
+        help="rigid_flow (default), lucas_kanade, mvtracker, cotracker3, or ground_truth.",
     ),
 ]
 Detector = Annotated[

@@ -137,7 +137,7 @@ class ScriptProcess:
 
 def _send(connection: Connection, arrays: Arrays, error: str = "") -> None:
     """Sends named arrays. Pickles would not do: NumPy 1 cannot read those of NumPy 2."""
-    plain = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+    plain = {name: np.asarray(array, order="C") for name, array in arrays.items()}
     layout = [(name, array.dtype.str, array.shape) for name, array in plain.items()]
     connection.send_bytes(json.dumps([error, layout]).encode())
     for array in plain.values():

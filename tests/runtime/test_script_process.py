@@ -48,6 +48,7 @@ def test_arrays_come_back_unchanged_from_another_process(dut: ScriptProcess) -> 
         "empty": np.empty((0, 3), np.float32),
         "strided": rng.normal(size=(6, 4))[::2, 1:],
         "flags": np.array([True, False]),
+        "scalar": np.array(3.5, np.float32),
     }
 
     answer = dut.ask({**arrays, **mode("echo")}, timeout=PATIENT)
