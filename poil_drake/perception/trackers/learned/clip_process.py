@@ -95,6 +95,5 @@ class ClipProcess:
     def _failed(self, reason: str) -> TrackingError:
         return TrackingError(
             f"The process of {self._name} {reason}.",
-            remedy="Start tracking again. Check the output of the process, and whether memory ran "
-            "out; `poil doctor` checks its environment.",
+            remedy="Start tracking again. Check its output, and whether memory ran out.",
         )

@@ -1,9 +1,7 @@
 """The base of learned trackers: it keeps a clip of frames, and asks a model's process about it."""
 
-import sys
 from abc import abstractmethod
 from collections.abc import Mapping
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -70,10 +68,10 @@ class ClipTracker(RigidPointsTracker):
             MissingDependencyError: if the environment, the repository or the weights are missing.
         """
         check_environment(config)
+        config.check_licence()
         super().__init__(support_points=config.support_points, memory=window - 2)
         self._environment, self._model, self._min_frames = config, model, min_frames
         self._process: ClipProcess | None = None
-        _print_once(f"poil: the licence of {config.name}: {config.licence}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Supports pickling: a copy starts its own process."""
@@ -132,8 +130,3 @@ class ClipTracker(RigidPointsTracker):
     ) -> Matches:
         clip = make_clip(state, frame, self._min_frames)
         return self._observe(state, clip, self._environment.timeout)
-
-
-@cache
-def _print_once(line: str) -> None:
-    print(line, file=sys.stderr)

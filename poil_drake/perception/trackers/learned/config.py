@@ -3,38 +3,36 @@
 from dataclasses import dataclass, field
 from typing import ClassVar
 
+from poil_drake.perception.learned_models.learned_model import LearnedModel, Licence
 from poil_drake.perception.positive_fields import check_positive
 
 
 @dataclass(frozen=True, kw_only=True)
-class ModelEnvironment:
-    """Where a model runs. The three paths are needed.
+class ModelEnvironment(LearnedModel):
+    """A model that runs in another Python environment. See `LearnedModel` for the other fields.
 
-    Class attributes: `name`, the model's name; `licence`, of its code and weights; `sources`, the
-    addresses of its repository and of its weights.
+    Here, `weights` is a file, and python, repository and weights are needed.
+
+    Class attributes: `name`, the model's name; `repository_url` and `weights_url`, where its code
+    and its weights are.
 
     Attributes:
         python: The Python interpreter of an environment with the model's requirements.
         repository: A clone of the model's repository, which is the folder with `hubconf.py`.
-        weights: The file of the model's weights.
-        device: PyTorch's name of the device, e.g. cuda, cuda:1 or cpu. On a CPU, a frame takes
-            seconds.
         load_timeout: Longest time until the model is loaded and has tracked once [s]. Reading the
             weights and compiling kernels may take a minute.
         timeout: Longest time for one frame [s]; a process that takes longer is killed, and the
-            object counts as lost. A GPU needs about 0.2 s.
+            object counts as lost. A GPU needs about 0.2 s, a CPU many seconds.
         support_points: Number of points, spread over the object, that are tracked beside the part's
             (POIL uses 40); in a scenario, `poil.num_support_points`.
     """
 
     name: ClassVar[str]
-    licence: ClassVar[str]
-    sources: ClassVar[tuple[str, str]]
+    repository_url: ClassVar[str]
+    weights_url: ClassVar[str]
 
     python: str = ""
     repository: str = ""
-    weights: str = ""
-    device: str = "cuda"
     load_timeout: float = 180.0
     timeout: float = 5.0
     support_points: int = field(default=40, metadata={"yaml": False})
@@ -45,7 +43,7 @@ class ModelEnvironment:
 
 @dataclass(frozen=True, kw_only=True)
 class MvTrackerConfig(ModelEnvironment):
-    """Parameters of MVTracker, besides those of a `ModelEnvironment`.
+    """MVTracker; its code states no licence. See `ModelEnvironment` for the other fields.
 
     Attributes:
         scene_scale: Factor from metres to the model's units [1/m]. The model was trained on scenes
@@ -56,10 +54,9 @@ class MvTrackerConfig(ModelEnvironment):
     """
 
     name = "MVTracker"
-    licence = "no licence file (code), Apache-2.0 (weights)"
-    sources = (
-        "https://github.com/ethz-vlg/mvtracker",
-        "https://huggingface.co/ethz-vlg/mvtracker/resolve/main/mvtracker_200000_june2025.pth",
+    repository_url = "https://github.com/ethz-vlg/mvtracker"
+    weights_url = (
+        "https://huggingface.co/ethz-vlg/mvtracker/resolve/main/mvtracker_200000_june2025.pth"
     )
 
     scene_scale: float = 6.0
@@ -73,11 +70,9 @@ class MvTrackerConfig(ModelEnvironment):
 
 @dataclass(frozen=True, kw_only=True)
 class CoTracker3Config(ModelEnvironment):
-    """Parameters of CoTracker3: those of a `ModelEnvironment`."""
+    """CoTracker3's online model. See `ModelEnvironment` for the fields."""
 
+    licence: ClassVar[Licence] = Licence(name="CC BY-NC 4.0", permissive=True, commercial=False)
     name = "CoTracker3"
-    licence = "CC BY-NC 4.0, which forbids commercial use"
-    sources = (
-        "https://github.com/facebookresearch/co-tracker",
-        "https://huggingface.co/facebook/cotracker3/resolve/main/scaled_online.pth",
-    )
+    repository_url = "https://github.com/facebookresearch/co-tracker"
+    weights_url = "https://huggingface.co/facebook/cotracker3/resolve/main/scaled_online.pth"

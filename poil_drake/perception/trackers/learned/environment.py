@@ -34,7 +34,7 @@ def check_environment(config: ModelEnvironment) -> str:
     if done.returncode != 0:
         reason = (done.stderr.strip().splitlines() or [f"status {done.returncode}"])[-1]
         raise _missing(config, f"python '{config.python}' has no PyTorch: {reason}")
-    return f"{done.stdout.strip()}, weights {Path(config.weights).name}; {config.licence}"
+    return f"{done.stdout.strip()}, weights {Path(config.weights).name}"
 
 
 def _has_hubconf(folder: Path) -> bool:
@@ -42,12 +42,11 @@ def _has_hubconf(folder: Path) -> bool:
 
 
 def _missing(config: ModelEnvironment, problem: str) -> MissingDependencyError:
-    repository, weights = config.sources
-    folder = repository.rpartition("/")[2]
+    folder = config.repository_url.rpartition("/")[2]
     return MissingDependencyError(
         f"{config.name} is not installed: {problem}.",
-        remedy=f"Run: git clone {repository} && python3.10 -m venv {folder}/.venv && "
+        remedy=f"Run: git clone {config.repository_url} && python3.10 -m venv {folder}/.venv && "
         f"{folder}/.venv/bin/pip install torch torchvision -r {folder}/requirements.txt && "
-        f"wget {weights}; then set python, repository and weights in the tracker's section of "
-        f"poil.tracker_config. Licence: {config.licence}.",
+        f"wget {config.weights_url}; then set python, repository and weights in the tracker's "
+        "section of poil.tracker_config.",
     )

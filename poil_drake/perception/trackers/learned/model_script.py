@@ -19,9 +19,14 @@ def make_handler(setup: Mapping[str, str]) -> Callable[[Arrays], Arrays]:
 
     Args:
         setup: `model`, "mvtracker" or "cotracker3"; `repository`, the folder with hubconf.py;
-            `weights`, the file of the model's weights; `device`, PyTorch's name of the device.
+            `weights`, the file of the model's weights; `device`, PyTorch's name of the device, or
+            empty for a GPU if there is one.
     """
-    track = {"mvtracker": _load_mvtracker, "cotracker3": _load_cotracker3}[setup["model"]](setup)
+    import torch
+
+    load = {"mvtracker": _load_mvtracker, "cotracker3": _load_cotracker3}[setup["model"]]
+    device = setup["device"] or ("cuda" if torch.cuda.is_available() else "cpu")
+    track = load({**setup, "device": device})
     frames: dict[int, dict[str, np.ndarray]] = {}
 
     def handle(request: Arrays) -> Arrays:

@@ -3,6 +3,7 @@ import pytest
 
 from poil_drake.errors import TrackingError
 from poil_drake.geometry.rigid_transform import make_transform
+from poil_drake.perception.learned_models.learned_model import _warn_once
 from poil_drake.perception.trackers.learned.co_tracker3 import CoTracker3
 from poil_drake.perception.trackers.learned.config import CoTracker3Config
 
@@ -31,6 +32,14 @@ def test_the_tracks_of_all_views_are_lifted_and_joined(dut, started, mug_scene):
         assert not output.lost
         assert mug_scene.error(output, X_WM) < 0.005  # The stand-in drifts as optical flow does.
     assert len(output.state.recent) == 14  # With the first and the new frame, 16.
+
+
+def test_a_licence_that_forbids_commercial_use_is_logged(installed, caplog):
+    _warn_once.cache_clear()
+
+    CoTracker3(CoTracker3Config(**installed("stand_in_cotracker")))
+
+    assert "CoTracker3Config are not for commercial use: CC BY-NC 4.0" in caplog.text
 
 
 def test_a_hidden_object_is_lost(dut, started, mug_scene):
