@@ -38,6 +38,7 @@ _MOST_CLUTTER = 3
 _LYING_SHARE = 0.25
 _HIDDEN_PIXELS = 20  # a part with fewer pixels is hidden
 _HIDDEN_TRIALS = 40
+_AWAY = np.deg2rad(30.0)  # between a hidden handle and the line of sight [rad]
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,7 @@ def MakeDetectionScene(seed: int, *, hidden: bool = False) -> DetectionScene:
 
     Args:
         seed: The same seed draws the same scene.
-        hidden: Whether to draw scenes until no view shows the handle.
+        hidden: Whether there is only one view, which does not show the handle.
     """
     for trial in range(_HIDDEN_TRIALS):
         scene = _draw([seed, trial, hidden], hidden)
@@ -84,8 +85,7 @@ def MakeDetectionScene(seed: int, *, hidden: bool = False) -> DetectionScene:
 def _draw(seed: list[int], hidden: bool) -> DetectionScene:
     rng = np.random.default_rng(seed)
     mug = f"mug_{_MUGS[rng.integers(len(_MUGS))]}"
-    # The cameras look towards the robot, so a handle that points to it is behind the mug.
-    yaw = rng.uniform(-np.pi, np.pi) * (0.2 if hidden else 1.0) + (np.pi if hidden else 0.0)
+    yaw = rng.uniform(-np.pi, np.pi)
     lying = not hidden and rng.random() < _LYING_SHARE
     R, height = np.eye(3), 0.0
     if lying:
@@ -93,6 +93,11 @@ def _draw(seed: list[int], hidden: bool) -> DetectionScene:
         R, height = poses[rng.integers(len(poses))]
     taken: list[tuple[np.ndarray, float]] = []
     place = _free_place(rng, taken, _MUG_RADIUS)
+    cameras = sorted(_scenario().cameras)
+    if hidden:
+        cameras = [str(rng.choice(cameras))]
+        eye = _scenario().cameras[cameras[0]].X_PB.translation
+        yaw = np.arctan2(*(place - eye[:2])[::-1]) + rng.uniform(-_AWAY, _AWAY)
     R = RotationMatrix.MakeZRotation(yaw).matrix() @ R
     directives = copy.deepcopy(list(_scenario().directives))
     model = ObjectDirective(directives, "mug")
@@ -110,12 +115,13 @@ def _draw(seed: list[int], hidden: bool) -> DetectionScene:
         directives.append(ModelDirective(add_model=other))
         clutter.append(str(name))
     scenario = replace(_scenario(), directives=directives, random_seed=int(rng.integers(2**31)))
-    return _captured(scenario, mug, lying, tuple(clutter))
+    return _captured(scenario, cameras, mug, lying, tuple(clutter))
 
 
 def _captured(
-    scenario: Scenario, mug: str, lying: bool, clutter: tuple[str, ...]
+    scenario: Scenario, cameras: list[str], mug: str, lying: bool, clutter: tuple[str, ...]
 ) -> DetectionScene:
+    scenario = replace(scenario, cameras={name: scenario.cameras[name] for name in cameras})
     with MakeStation(scenario, dry_run=True, ignore_output_delay=True) as station:
         context = station.CreateDefaultContext()
         frame = CaptureFrame(station, context, labels=True)
