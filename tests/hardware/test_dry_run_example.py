@@ -50,7 +50,9 @@ def test_a_dry_run_goes_through_the_whole_skill(
     plan_for(scenario).save(tmp_path / "plan.npz")
     file = tmp_path / "scenario.yaml"
     # The driver renders beside the loop: half the pace that the loop alone keeps.
-    file.write_text(DumpScenario(hardware_scenario(scenario, time_scale=time_scale / 2, speed=1.0)))
+    slow = hardware_scenario(scenario, time_scale=time_scale / 2, speed=1.0)
+    poil = dataclasses.replace(slow.poil, detector=scenario.poil.detector)
+    file.write_text(DumpScenario(dataclasses.replace(slow, poil=poil)))
 
     said = run_python(EXAMPLE, tmp_path / "plan.npz", tmp_path / "out", file)
 
