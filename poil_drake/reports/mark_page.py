@@ -87,7 +87,7 @@ class MarkPage:
         self._ready = threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._serve()), daemon=True)
         token = secrets.token_urlsafe(24)
-        self._routes = [
+        self._routes: list[Any] = [
             (f"/{token}/", _Page, {"html": self._html}),
             (f"/{token}/channel", _Channel, {"page": self}),
         ]
