@@ -96,8 +96,7 @@ def _first_guesses(marks: RoleMarks) -> tuple[list[np.ndarray], bool]:
     if not len(known):
         return [np.zeros_like(mask) for mask in marks.allowed], False
     centre = np.median(known, axis=0)
-    eyes = np.array([view.camera.X_WC[:3, 3] for view in marks.views])
-    standing = off_support(points, around=centre, among=~(allowed & boxed), seen_from=eyes)
+    standing = off_support(points, around=centre, among=~(allowed & boxed))
     chosen = allowed.copy()
     if standing is not None:
         chosen &= standing

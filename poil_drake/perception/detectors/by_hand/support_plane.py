@@ -7,21 +7,19 @@ _TOLERANCE = 0.008  # [m] Distance from a plane within which points vote for it.
 _LEAST_TOLERANCE = 0.004  # [m] Lowest height at which something stands on the support.
 _LEAST_SHARE = 0.3  # Least share of the points in reach that lie on the plane.
 _SAMPLE, _HYPOTHESES = 2000, 200  # points and planes tried
+_UPRIGHT = 0.9  # Least vertical component of the plane's normal.
 _DEVIATIONS = 3.0  # standard deviations of the support's noise that belong to the support
 
 
-def off_support(
-    points: np.ndarray, *, around: np.ndarray, among: np.ndarray, seen_from: np.ndarray
-) -> np.ndarray | None:
+def off_support(points: np.ndarray, *, around: np.ndarray, among: np.ndarray) -> np.ndarray | None:
     """Returns which points are above the plane on which things stand; None without a plane.
 
-    It is the plane through most points of the surroundings, by RANSAC.
+    It is the nearly horizontal plane through most points of the surroundings, by RANSAC.
 
     Args:
-        points: (n, 3) [m].
-        around: (3,) a point near the plane [m].
+        points: (n, 3) [m, world].
+        around: (3,) a point near the plane [m, world].
         among: (n,) bool, which points may show it.
-        seen_from: (k, 3) places of the cameras, most of which are above the plane [m].
 
     Returns:
         (n,) bool.
@@ -34,12 +32,12 @@ def off_support(
     a, b, c = sample[draw.integers(len(sample), size=(3, _HYPOTHESES))]
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)
-    normals /= np.where(lengths > 0.0, lengths, np.inf)[:, None]
+    normals *= np.sign(normals[:, 2:]) / np.where(lengths > 0.0, lengths, np.inf)[:, None]
     residuals = np.abs(sample @ normals.T - np.sum(normals * a, axis=1))
-    shares = np.mean(residuals < _TOLERANCE, axis=0) * (lengths > 0.0)
+    shares = np.mean(residuals < _TOLERANCE, axis=0) * (normals[:, 2] > _UPRIGHT)
     best = int(np.argmax(shares))
     if shares[best] < _LEAST_SHARE:
         return None
-    normal = normals[best] * np.sign(np.median((seen_from - a[best]) @ normals[best]))
     deviation = 1.48 * np.median(residuals[residuals[:, best] < _TOLERANCE, best])
-    return (points - a[best]) @ normal > max(_DEVIATIONS * deviation, _LEAST_TOLERANCE)
+    height = (points - a[best]) @ normals[best]
+    return height > max(_DEVIATIONS * deviation, _LEAST_TOLERANCE)
