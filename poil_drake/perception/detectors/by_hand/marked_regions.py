@@ -96,7 +96,8 @@ def _first_guesses(marks: RoleMarks) -> tuple[list[np.ndarray], bool]:
     if not len(known):
         return [np.zeros_like(mask) for mask in marks.allowed], False
     centre = np.median(known, axis=0)
-    standing = off_support(points, around=centre, among=~(allowed & boxed))
+    among = ~allowed if marks.boxed else np.ones(len(points), dtype=bool)
+    standing = off_support(points, around=centre, among=among)
     chosen = allowed.copy()
     if standing is not None:
         chosen &= standing

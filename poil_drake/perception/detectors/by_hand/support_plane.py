@@ -38,6 +38,23 @@ def off_support(points: np.ndarray, *, around: np.ndarray, among: np.ndarray) ->
     best = int(np.argmax(shares))
     if shares[best] < _LEAST_SHARE:
         return None
-    deviation = 1.48 * np.median(residuals[residuals[:, best] < _TOLERANCE, best])
-    height = (points - a[best]) @ normals[best]
-    return height > max(_DEVIATIONS * deviation, _LEAST_TOLERANCE)
+    # Two planes that are near to each other may both vote for one between them: the second fit
+    # drops the smaller one.
+    votes = sample[residuals[:, best] < _TOLERANCE]
+    for _ in range(2):
+        origin, normal, deviation = _fit_plane(votes)
+        votes = votes[np.abs((votes - origin) @ normal) < _DEVIATIONS * deviation]
+    return (points - origin) @ normal > max(_DEVIATIONS * deviation, _LEAST_TOLERANCE)
+
+
+def _fit_plane(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Returns a point of the plane through points (n, 3), its normal (3,), upwards, and the noise.
+
+    The noise is the standard deviation of the distances from the plane [m], by their median.
+    """
+    origin = np.median(points, axis=0)
+    normal = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][2]
+    normal *= np.sign(normal[2])
+    origin = origin + np.median((points - origin) @ normal) * normal
+    deviation = 1.48 * np.median(np.abs((points - origin) @ normal))
+    return origin, normal, max(float(deviation), 1e-4)
