@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from poil_drake.geometry.depth_image import erode_mask
 from poil_drake.perception.detectors.by_hand.hand_labels import HandLabels
 from poil_drake.perception.detectors.by_hand.role_marks import (
+    CLICK_REACH,
     MarkedView,
     RoleMarks,
     distance_to,
@@ -20,8 +21,7 @@ from poil_drake.perception.images import MultiViewFrame
 _SCENE_REACH = 0.6  # [m] from the marks; what is farther away is not part of what they mark
 _GAP = 0.01  # [m] Surfaces that are nearer to each other than this, or twice this, are one piece.
 _PIECE_SHARE = 0.5  # Least share of a piece's pixels in the boxes if the boxes mean the piece.
-_CLICK_REACH = 0.015  # [m] A click beside a thin piece, this near, is on the piece.
-_PART_REACH = 0.02  # [m] How far a click on a part reaches if no box bounds the part.
+_PIECE_DISTANCE = 0.015  # [m] A click beside a thin piece, this near, is on the piece.
 _CARRIED_REACH = 0.01  # [m] How far the part in the marked views reaches in the others.
 _SURE_DEPTH = 1  # [px] from the border of the first guess: surely foreground
 _UNSURE_BORDER = 3  # [px] outside of the first guess, in which the outline may be
@@ -55,9 +55,9 @@ def part_masks(
 ) -> tuple[np.ndarray, ...]:
     """Returns the mask (H, W) bool of a part of an object in each view.
 
-    The part is what the boxes of all views enclose of the object, and what is nearer to a click on
-    the part than to a click on the rest. Without a box, a click on the part reaches `_PART_REACH`
-    far. Colour does not count, since a part often has that of its object.
+    The part is what the boxes of all views enclose of the object, and what is nearer, along the
+    surface, to a click on the part than to a click on the rest. Without a box, a click on the part
+    reaches `CLICK_REACH` far. Colour does not count, since a part often has that of its object.
 
     Args:
         frame: The views.
@@ -69,8 +69,8 @@ def part_masks(
     masks = [mask & allowed for mask, allowed in zip(objects, marks.allowed, strict=True)]
     views = list(zip(marks.views, masks, strict=True))
     for view, mask in views:
-        reach = np.inf if marks.boxed else _PART_REACH
-        mask[mask] = marks.nearer_to_included(view.points[mask], reach)
+        reach = np.inf if marks.boxed else CLICK_REACH
+        mask[mask] = marks.not_excluded(view.points[mask], reach)
     seen = [np.zeros((0, 3)), *(view.points[mask] for view, mask in views if view.marked)]
     for view, mask in views:
         if not view.marked:
@@ -105,7 +105,7 @@ def _first_guesses(marks: RoleMarks) -> tuple[list[np.ndarray], bool]:
         meant = _pieces_meant(points, standing & near, allowed, boxed, marks.included)
         if meant.any():
             chosen &= meant
-    chosen[chosen] = marks.nearer_to_included(points[chosen])
+    chosen[chosen] = marks.not_excluded(points[chosen])
     guesses = [view.has_depth for view in marks.views]
     ends = np.cumsum([len(cloud) for cloud in clouds])[:-1]
     for guess, part in zip(guesses, np.split(chosen, ends), strict=True):
@@ -141,7 +141,7 @@ def _pieces_meant(
     meant |= inside > _PIECE_SHARE * whole
     if len(clicked):
         distance, nearest = cKDTree(points[standing]).query(clicked)
-        meant[pieces[nearest[distance < _CLICK_REACH]]] = True
+        meant[pieces[nearest[distance < _PIECE_DISTANCE]]] = True
     result = np.zeros(len(points), dtype=bool)
     result[standing] = meant[pieces]
     return result

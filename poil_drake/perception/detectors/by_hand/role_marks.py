@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from poil_drake.geometry.depth_image import project, unproject
@@ -12,8 +13,12 @@ from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.perception.detectors.by_hand.hand_labels import HandLabels
 from poil_drake.perception.images import CameraModel, MultiViewFrame
 
+CLICK_REACH = 0.02
+"""How far a click reaches [m] where neither a box nor another click bounds it."""
+
 _BOX_MARGIN = 2.0  # [px] Boxes are drawn this exactly.
 _OCCLUSION = 0.01  # [m] What is nearer than a point by more than this hides it.
+_CELL, _STEP = 0.003, 0.008  # [m] Size of the nodes of paths on surfaces, and longest step.
 _HOLE_RADIUS = 5  # [px] Half the width of the holes in the depth that one may click in.
 
 
@@ -135,20 +140,41 @@ class RoleMarks:
         """Whether any view has a box."""
         return any(view.box is not None for view in self.views)
 
-    def nearer_to_included(self, points: np.ndarray, reach: float = np.inf) -> np.ndarray:
-        """Returns which points (n, 3) are nearer to a click on what is meant than to others.
+    def not_excluded(self, points: np.ndarray, reach: float = np.inf) -> np.ndarray:
+        """Returns which points (n, 3) the clicks do not exclude.
 
-        Without a click on what is meant, all are.
+        Those are nearer, along the surface, to a click on what is meant than to others. If there
+        are only clicks on what is not meant, they exclude what is within `CLICK_REACH`.
 
         Args:
             points: (n, 3) [m, world].
-            reach: Points farther from the clicks than this are not [m].
+            reach: Points farther from the clicks on what is meant than this are excluded, too [m].
         """
-        if not len(self.included):
-            return np.ones(len(points), dtype=bool)
-        return distance_to(points, self.included) < np.minimum(
-            distance_to(points, self.excluded), reach
-        )
+        if not len(self.included) or not len(points):
+            return distance_to(points, self.excluded) > CLICK_REACH
+        chosen = distance_to(points, self.included) < reach
+        if len(self.excluded):
+            chosen &= _nearer_along_surface(points, self.included, self.excluded)
+        return chosen
+
+
+def _nearer_along_surface(
+    points: np.ndarray, included: np.ndarray, excluded: np.ndarray
+) -> np.ndarray:
+    """Returns which points (n, 3) of surfaces are nearer to one kind of seeds than to the other.
+
+    Distances are those of shortest paths in steps of at most `_STEP`, so that a gap separates.
+    Where no path leads to a seed, the straight line counts.
+    """
+    _, index = np.unique(np.floor(points / _CELL).astype(int), axis=0, return_inverse=True)
+    counts = np.bincount(index)
+    nodes = np.stack([np.bincount(index, x) / counts for x in points.T], axis=1)
+    tree = cKDTree(nodes)
+    steps = tree.sparse_distance_matrix(tree, _STEP, output_type="coo_matrix")
+    seeds = [np.unique(tree.query(these)[1]) for these in (included, excluded)]
+    near, far = (dijkstra(steps.tocsr(), indices=these, min_only=True) for these in seeds)
+    closer = distance_to(nodes, included) < distance_to(nodes, excluded)
+    return np.where(np.isinf(near) & np.isinf(far), closer, near < far)[index]
 
 
 def _allowed(view: MarkedView, views: Sequence[MarkedView]) -> np.ndarray:

@@ -137,6 +137,18 @@ def test_a_click_on_a_part_without_a_box_reaches_two_centimetres() -> None:
     assert 3.0 < distance.max() < 6.0
 
 
+def test_a_click_beside_a_part_takes_two_centimetres_from_its_box() -> None:
+    marks = [box(SCENE, "left", "object", *WHOLE), box(SCENE, "left", "part", *WHOLE)]
+    beside = click(SCENE, "left", "part", "object", EXCLUDE)
+
+    whole, found = (masks(SCENE, these, "part")["left"] for these in (marks, [*marks, beside]))
+
+    # At 0.75 m, 180 px of focal length show 2 cm as 5 px.
+    v, u = np.nonzero(whole & ~found)
+    distance = np.hypot(*(np.array([u, v]).T - beside.at).T)
+    assert 3.0 < distance.max() < 6.0
+
+
 def test_a_click_in_a_small_hole_of_the_depth_counts() -> None:
     scene = make_scene()
     image = scene.frame.images[0]
