@@ -54,7 +54,9 @@ Tracker = Annotated[
     str | None,
     typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
 ]
-Detector = Annotated[str | None, typer.Option("--detector", help="label_image (default).")]
+Detector = Annotated[
+    str | None, typer.Option("--detector", help="demonstration (default) or label_image.")
+]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")]
 Html = Annotated[
     Path | None, typer.Option("--html", help="Meshcat recording. Default: out/run.html.")

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from poil_drake.errors import TrackingError
-from poil_drake.geometry.rigid_fit import rigid_inliers
+from poil_drake.geometry.rigid_fit import kabsch, rigid_inliers
+from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
@@ -42,6 +43,26 @@ class DemonstrationTracks:
     times: np.ndarray
     positions: np.ndarray
     confidence: np.ndarray
+
+    def carried(self, points: np.ndarray) -> "DemonstrationTracks":
+        """Returns the tracks of other points of the same rigid object.
+
+        Each has the median confidence of the tracked points.
+
+        Args:
+            points: (M, 3) the points in the first frame [m, world].
+        """
+        usable = np.count_nonzero(self.confidence > 0.0, axis=1) >= _MIN_POINTS
+        positions = np.full((len(self.times), len(points), 3), np.nan)
+        tracked = self.positions[usable]
+        first = np.broadcast_to(self.positions[0], tracked.shape)
+        motions = kabsch(first, tracked, self.confidence[usable])
+        moved = np.broadcast_to(points, (len(motions), *points.shape))
+        positions[usable] = transform_points(motions, moved)
+        confidence = np.where(usable, np.maximum(np.median(self.confidence, axis=1), 1e-3), 0.0)
+        return DemonstrationTracks(
+            self.times, positions, np.repeat(confidence[:, None], len(points), axis=1)
+        )
 
 
 def track_demonstration(

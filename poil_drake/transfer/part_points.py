@@ -7,7 +7,7 @@ import numpy as np
 from poil_drake.errors import DetectionError, TransferError
 from poil_drake.geometry.frozen_array import SharedOnCopy
 from poil_drake.geometry.point_cloud import PointCloud, farthest_point_sampling
-from poil_drake.perception.detectors.protocol import Detector, PartMasks
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import MultiViewFrame
 
@@ -33,29 +33,21 @@ class PartView(SharedOnCopy):
 
 
 def view_part(
-    frame: MultiViewFrame,
-    *,
-    detector: Detector,
-    object_label: str,
-    part_label: str,
-    fusion: FusionConfig | None = None,
+    frame: MultiViewFrame, masks: PartMasks, fusion: FusionConfig | None = None
 ) -> PartView:
-    """Detects a part and its object in one frame, and fuses all views of each into a cloud.
+    """Fuses all views of a part, and of its object, into a cloud.
 
     Before the fusion, masks are eroded and pixels near depth edges are dropped.
 
     Args:
         frame: The frame.
-        detector: Finds the object and the part.
-        object_label: The object's label.
-        part_label: The part's label.
+        masks: Where the frame shows the object and its part.
         fusion: How the part's cloud is made; the object's is coarser. None for the defaults.
 
     Raises:
-        DetectionError: if the object or the part is not found, or has no reliable depth.
+        DetectionError: if the object or the part has no reliable depth.
     """
     fusion = fusion or FusionConfig()
-    masks = detector.detect(frame, object_label=object_label, part_label=part_label)
     rest = tuple(o & ~p for o, p in zip(masks.object_masks, masks.part_masks, strict=True))
     part = fuse_views(frame, masks.part_masks, fusion)
     whole = fuse_views(frame, masks.object_masks, fusion.coarser())

@@ -4,20 +4,19 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 
-from poil_drake.errors import DetectionError, InvalidValueError
+from poil_drake.errors import InvalidValueError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception.detectors.protocol import Detector
+from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
 from poil_drake.transfer.alignment.coarse_alignment import symmetric_alignments
 from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig
-from poil_drake.transfer.demonstration_tracks import track_demonstration
+from poil_drake.transfer.demonstration_tracks import DemonstrationTracks, track_demonstration
 from poil_drake.transfer.matching import Matching, make_matching_reference
 from poil_drake.transfer.non_rigid_registration import deform_points
 from poil_drake.transfer.part_points import (
-    PartView,
     require_similar_size,
     sample_part_points,
     view_part,
@@ -70,60 +69,41 @@ def transfer(
     demonstration: Demonstration,
     target_frame: MultiViewFrame,
     *,
-    detector: Detector,
+    source_masks: PartMasks,
+    target_masks: PartMasks,
     tracker: Tracker,
-    object_label: str,
-    part_label: str,
-    demonstration_object_label: str | None = None,
+    tracks: DemonstrationTracks | None = None,
     config: TransferConfig | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> TransferResult:
     """Transfers a demonstrated motion to another object with the same functional part.
 
-    The part is detected in both scenes, and points are sampled on the demonstrated part. Coarse
-    alignment and non-rigid registration map these points to the target's part. The tracker follows
-    the points through the demonstration. In each frame of the demonstration, the target's points
-    are rigidly aligned with the tracked points.
+    Points are sampled on the demonstrated part. Coarse alignment and non-rigid registration map
+    these points to the target's part. The tracker follows the points through the demonstration, and
+    in each of its frames the target's points are rigidly aligned with the tracked points.
 
     Args:
-        demonstration: The demonstration. The detector must find the part in its first frame.
+        demonstration: The demonstration.
         target_frame: The scene with the target object.
-        detector: Finds object and part in both scenes.
+        source_masks: The object and its part in the demonstration's first frame.
+        target_masks: The object and its part in `target_frame`.
         tracker: Tracks the demonstrated points.
-        object_label: Label of the target object.
-        part_label: Label of the functional part of both objects.
-        demonstration_object_label: Label of the demonstrated object; if None, `object_label`.
+        tracks: Tracks of any points of the demonstrated object; None to track those of the part.
         config: Parameters; None for the defaults.
         executor: Deforms the part while the tracker works; None for a thread.
         progress: Called with the current activity and its completed fraction.
 
     Raises:
-        DetectionError: if an object or a part is not found.
+        DetectionError: if an object or a part has no reliable depth.
         TrackingError: if the tracker loses the object in the demonstration.
         TransferError: if the parts cannot be aligned, the target is much larger or smaller than the
             demonstrated object, or nothing moves in the demonstration.
     """
     config = config or TransferConfig()
 
-    def view(frame: MultiViewFrame, where: str, label: str) -> PartView:
-        try:
-            return view_part(
-                frame,
-                detector=detector,
-                object_label=label,
-                part_label=part_label,
-                fusion=config.fusion,
-            )
-        except DetectionError as error:
-            raise DetectionError(f"In {where}: {error.problem}", remedy=error.remedy) from error
-
-    source = view(
-        demonstration.frames[0],
-        f"the first frame of the demonstration '{demonstration.name}'",
-        demonstration_object_label or object_label,
-    )
-    target = view(target_frame, "the view of the scene", object_label)
+    source = view_part(demonstration.frames[0], source_masks, config.fusion)
+    target = view_part(target_frame, target_masks, config.fusion)
     require_similar_size(source, target)
     points = sample_part_points(source.part, config.num_points)
     problem = AlignmentProblem.between(
@@ -140,17 +120,20 @@ def transfer(
             pool.submit(deform_points, alignment.apply(source.part.points), target.part.points, own)
             for alignment, own in zip(alignments, placed, strict=True)
         ]
-        tracks = track_demonstration(
-            demonstration,
-            points,
-            source.masks.object_masks,
-            tracker=tracker,
-            progress=progress,
-        )
+        if tracks is not None:
+            part_tracks = tracks.carried(points)
+        else:
+            part_tracks = track_demonstration(
+                demonstration,
+                points,
+                source_masks.object_masks,
+                tracker=tracker,
+                progress=progress,
+            )
     matchings = []
     for alignment, own, future in zip(alignments, placed, deformed, strict=True):
         target_points = future.result()
         posed_by = None if config.pose_by_deformed_points else own
-        reference = make_matching_reference(target_points, tracks, posed_by=posed_by)
+        reference = make_matching_reference(target_points, part_tracks, posed_by=posed_by)
         matchings.append(Matching(target_points, reference, alignment.cost))
     return TransferResult(tuple(matchings), target.part, target.whole)

@@ -70,9 +70,9 @@ def CheckView(frame: MultiViewFrame, poil: PoilConfig) -> None:
     Raises:
         ScenarioError: if it shows too little, or if its pixels are too coarse.
     """
-    detector = LabelImageDetector()
     try:
-        view = view_part(frame, detector=detector, object_label=poil.object, part_label=poil.part)
+        masks = LabelImageDetector().detect(frame, object_label=poil.object, part_label=poil.part)
+        view = view_part(frame, masks)
         sample_part_points(view.part, poil.num_points)
     except (DetectionError, TransferError) as error:
         ids = frame.label_ids[poil.object]

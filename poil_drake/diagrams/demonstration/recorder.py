@@ -12,6 +12,7 @@ from poil_drake.diagrams.scenario.demonstration_config import DemonstrationMotio
 from poil_drake.diagrams.scenario.load import DumpScenario
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.errors import ScenarioError
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.transfer.progress import Progress
 
@@ -22,8 +23,8 @@ def RecordDemonstration(
     """Records the scenario's built-in demonstration.
 
     The scenario's `demonstration_object` moves without a robot, and the cameras capture images at
-    the tracker's rate, with the sensors' noise. The first frame has label images, for detectors
-    that need them. The file also holds the whole scenario.
+    the tracker's rate, with the sensors' noise. The first frame has label images if the detector
+    reads them. The file also holds the whole scenario.
 
     Args:
         scenario: The scenario.
@@ -56,11 +57,12 @@ def RecordDemonstration(
         "seed": str(scenario.random_seed),
     }
     text = DumpScenario(scenario)
+    labels = scenario.poil.detector == LABEL_IMAGE
     with DemonstrationWriter(path, scene.camera_names, contents, scenario_text=text) as writer:
         for i, time in enumerate(times.tolist()):
             scene.put_object(motion.pose(time))
-            frame = scene.capture(time, labels=i == 0)
-            if i == 0:
+            frame = scene.capture(time, labels=labels and i == 0)
+            if labels and i == 0:
                 CheckView(frame, scenario.poil)
             writer.write(frame)
             if progress is not None:

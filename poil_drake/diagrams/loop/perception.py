@@ -1,23 +1,34 @@
 """Adds the perception of the closed loop: the part detector and the point tracker."""
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from scipy.spatial import cKDTree
 
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH
 from poil_drake.diagrams.station.station import Station
 from poil_drake.errors import InvalidValueError, ScenarioError
+from poil_drake.geometry.pca_normals import pca_normals
+from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetector
+from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
+from poil_drake.perception.detectors.protocol import Detector
+from poil_drake.perception.detectors.registry import DEMONSTRATION, DETECTORS, LABEL_IMAGE
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
 from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.detection.part_detector import PartDetector
 from poil_drake.systems.tracking.point_tracker import PointTracker
 
 _SOONEST = 0.9
 """Least time between tracked images, in tracker periods; below 1 because cameras jitter."""
+
+_PART_REACH = 0.004
+"""A point of the object this near to the part belongs to it [m]: the clouds' voxels differ."""
 
 _DEFAULT_TRACKER = "rigid_flow"
 """The tracker for demonstrations if `poil.tracker` is the ground-truth baseline."""
@@ -53,12 +64,13 @@ def AddPerception(
             remedy=f"Define cameras, or set poil.tracker to {GROUND_TRUTH}.",
         )
     detector = PartDetector(
-        detector=make_detector(poil.detector),
+        detector=MakeRunDetector(poil, plan),
         cameras=cameras,
         object_label=poil.object,
         part_label=poil.part,
         timing=station.detector_timing,
-        label_ids=station.label_ids,
+        label_ids=station.label_ids if poil.detector == LABEL_IMAGE else None,
+        robot=PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4()),
         stopwatch=stopwatch,
     )
     tracker = PointTracker(
@@ -75,6 +87,19 @@ def AddPerception(
         "detector": builder.AddNamedSystem("detector", detector),
         "tracker": builder.AddNamedSystem("tracker", tracker),
     }
+
+
+def MakeRunDetector(poil: PoilConfig, plan: ExecutionPlan) -> Detector:
+    """Returns the detector that finds a plan's object at the start of a run and during it.
+
+    The detector of demonstrations then searches the object itself, whose shape the plan has.
+    """
+    if poil.detector != DEMONSTRATION:
+        return DETECTORS[poil.detector]()
+    points = plan.object_points
+    cloud = PointCloud(points, pca_normals(points, np.arange(len(points))))
+    part = cKDTree(plan.part_points).query(points)[0] < _PART_REACH
+    return KnownShapeDetector(KnownShape(cloud, part), table_height=poil.table_height, is_same=True)
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:

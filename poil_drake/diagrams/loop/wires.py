@@ -55,6 +55,8 @@ OPTIONAL_WIRES = [
     # From                         to, if the loop has both systems
     ("detector.masks", "tracker.masks"),
     ("sequencer.detect_request", "detector.request"),
+    ("robot.position_measured", "detector.position_measured"),
+    ("station.hand.width_measured", "detector.width_measured"),
     ("tracker.tracked_points", "visualizer.tracked_points"),
     ("propagator.points", "visualizer.points"),
     ("propagator.confidence", "visualizer.confidence"),

@@ -19,7 +19,7 @@ from poil_drake.diagrams.scenario.load import DumpScenario, LoadScenario
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario, ScenarioSource
 from poil_drake.errors import PoilError, RunLogError, ScenarioError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.detectors.registry import require_detector
 from poil_drake.recording.comparison.tolerances import (
     CONTROL_TOLERANCES,
     PERCEPTION_TOLERANCES,
@@ -97,7 +97,7 @@ def SetUpReplay(
     if used != RECORDED:
         scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
         MakeScenarioTracker(scenario.poil)
-        make_detector(scenario.poil.detector)
+        require_detector(scenario.poil.detector)
         RequireImages(run, scenario)
     RequireTopics(run, repeat_tracks=used == RECORDED)
     RequireTimes(run, recorded)

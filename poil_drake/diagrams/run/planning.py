@@ -8,16 +8,19 @@ import numpy as np
 
 from poil_drake.control.field.point_set_bcsdm import BcsdmConfig
 from poil_drake.diagrams.loop.perception import MakeScenarioTracker
+from poil_drake.diagrams.run.detection import DetectParts
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, RequireFreeStart
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import WorkspaceCheck
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
-from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.plausibility import check_plausible
+from poil_drake.perception.robot_filter import without_robot
 from poil_drake.recording.demonstration.demonstration import load_demonstration
+from poil_drake.robots.panda import MAX_HAND_WIDTH
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.worker_executor import WorkerExecutor
 from poil_drake.transfer.pipeline import TransferConfig, transfer
@@ -51,14 +54,14 @@ def PlanScenario(
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
     recorded.check_plausible(table_height=poil.table_height)
-    detector = make_detector(poil.detector)
+    tracker = MakeScenarioTracker(poil)
     with WorkerExecutor("poil_drake.grasping.planner", "torch") as worker:
         with MakeStation(
             scenario, hardware=hardware, dry_run=True, ignore_output_delay=True
         ) as station:
             RequireFreeStart(station)
             context = station.CreateDefaultContext()
-            frame = CaptureFrame(station, context, labels=True)
+            frame = CaptureFrame(station, context, labels=poil.detector == LABEL_IMAGE)
             q_start = station.ArmPosition(context)
         model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
         planner = _planner_config(poil)
@@ -67,14 +70,20 @@ def PlanScenario(
         check_plausible(frame, table_height=poil.table_height)
         everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
         scene = worker.submit(fuse_views, frame, everything, poil.fusion.coarser())
+        found = DetectParts(
+            poil,
+            recorded,
+            without_robot(frame, model, q_start, MAX_HAND_WIDTH),
+            tracker=tracker,
+            progress=progress,
+        )
         transferred = transfer(
             recorded,
             frame,
-            detector=detector,
-            tracker=MakeScenarioTracker(poil),
-            object_label=poil.object,
-            part_label=poil.part,
-            demonstration_object_label=poil.demonstration_object_label,
+            source_masks=found.source,
+            target_masks=found.target,
+            tracker=tracker,
+            tracks=found.tracks,
             config=TransferConfig(num_points=poil.num_points, fusion=poil.fusion),
             executor=worker,
             progress=progress,

@@ -37,7 +37,7 @@ from poil_drake.diagrams.station.station import (
 from poil_drake.diagrams.station.station_base import ground_truth_error
 from poil_drake.errors import PoilError
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors.registry import make_detector
+from poil_drake.perception.detectors.registry import require_detector
 from poil_drake.recording.run_log.layout import DRY_RUN, HARDWARE, SIMULATED
 from poil_drake.recording.run_log.writer import RunLogWriter
 from poil_drake.reports.progress import ProgressBar
@@ -87,7 +87,7 @@ def RunSkill(
         recorded = str(beside.parent / "demo.mcap")
     with FreshOutputs(outputs, scenario, stages, inputs=(recorded,)):
         # Find mistakes in the scenario before minutes are spent on a demonstration.
-        make_detector(scenario.poil.detector)
+        require_detector(scenario.poil.detector)
         MakeScenarioTracker(scenario.poil)
         if hardware and scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()

@@ -170,7 +170,8 @@ class PoilConfig:
         demonstration_parts: Like `parts`, for `demonstration_object`. A part that is not listed is
             the same as in `parts`.
         demonstration_motion: The object's motion in the built-in demonstration.
-        detector: Name of the part detector.
+        detector: How the object and its part are found: "demonstration" needs nothing but what the
+            demonstration shows; "label_image" reads a simulator's label images.
         tracker: Name of the point tracker.
         fusion: How the cameras' images become the part's cloud. The clouds of the whole object and
             of the obstacles have voxels twice as large.
@@ -209,7 +210,7 @@ class PoilConfig:
     demonstration_motion: DemonstrationMotionConfig = field(
         default_factory=DemonstrationMotionConfig
     )
-    detector: str = "label_image"
+    detector: str = "demonstration"
     tracker: str = "rigid_flow"
     fusion: FusionConfig = field(default_factory=FusionConfig)
     grasp: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)

@@ -13,6 +13,8 @@ from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.perception.detectors.protocol import Detector, PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel
+from poil_drake.perception.robot_filter import without_robot
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.cameras.camera_ports import CameraPorts
@@ -52,6 +54,8 @@ class PartDetector(LeafSystem):
         - <camera>.image_time
         - <camera>.label_image
         - request
+        - position_measured
+        - width_measured
         output_ports:
         - part_cloud
         - masks
@@ -60,8 +64,10 @@ class PartDetector(LeafSystem):
         - times
 
     `request` (1,) is a counter: when it increases, the next capture starts a new search. It is
-    optional; NaN requests nothing. If label images are connected, a capture waits until all of them
-    have pixels. Every output is a function of the state alone:
+    optional; NaN requests nothing. `position_measured` (7,) [rad] and `width_measured` (1,) [m] are
+    the robot's; if they are connected, the robot is removed from the depth images before the
+    search. If label images are connected, a capture waits until all of them have pixels. Every
+    output is a function of the state alone:
 
     - `part_cloud`: a `PointCloud` [m, world]; `ABSENT` until the part is first found.
     - `masks`: `PartMasks`; `ABSENT` until the part is first found. Each successful search gives a
@@ -82,6 +88,7 @@ class PartDetector(LeafSystem):
         part_label: str,
         timing: CaptureTiming | None = None,
         label_ids: Mapping[str, Sequence[int]] | None = None,
+        robot: PandaModel | None = None,
         fusion: FusionConfig | None = None,
         stopwatch: Stopwatch | None = None,
     ):
@@ -95,6 +102,7 @@ class PartDetector(LeafSystem):
             timing: When frames are captured and results released; None: frames are captured at
                 multiples of 1/8 s, and results are released immediately.
             label_ids: The meaning of the labels (see `MultiViewFrame`); None: no label ports.
+            robot: The robot that the views may show; None for none.
             fusion: How images are merged into a cloud; None: the default settings.
             stopwatch: Records the time of captures ("capture") and of searches ("detection").
         """
@@ -104,6 +112,9 @@ class PartDetector(LeafSystem):
         self._fusion, self._stopwatch = fusion, stopwatch or Stopwatch()
         self._cameras = CameraPorts(system=self, cameras=cameras, label_ids=label_ids)
         self._request = self.DeclareVectorInputPort("request", 1)
+        self._robot = robot
+        self._position = self.DeclareVectorInputPort("position_measured", 7)
+        self._width = self.DeclareVectorInputPort("width_measured", 1)
         self._frame = self.DeclareAbstractState(Value(ABSENT))
         self._detections = CaptureAndRelease(
             system=self,
@@ -138,6 +149,13 @@ class PartDetector(LeafSystem):
         before = self._detections.result(context).request
         return before if np.isnan(request) else float(request)
 
+    def _posture(self, context: Context) -> tuple[np.ndarray, float] | None:
+        """Returns the robot's joint positions [rad] and its fingers' opening [m], if known."""
+        if not (self._position.HasValue(context) and self._width.HasValue(context)):
+            return None
+        q, width = self._position.Eval(context).copy(), float(self._width.Eval(context)[0])
+        return (q, width) if np.all(np.isfinite([*q, width])) else None
+
     def _wanted(self, context: Context, previous: Captured | None) -> bool:
         if previous is not None and previous.time > self._detections.capture_time(context):
             return False  # The result of that search has not been released yet.
@@ -155,11 +173,15 @@ class PartDetector(LeafSystem):
             return None
         state.get_mutable_abstract_state(self._frame).set_value(frame)
         before, request = self._detections.result(context), self._requested(context)
+        posture = self._posture(context)
 
         def find() -> Detection:
             try:
                 with self._stopwatch.measure("detection"):
-                    masks = self._detector.detect(frame, **self._labels)
+                    seen = frame
+                    if self._robot is not None and posture is not None:
+                        seen = without_robot(frame, self._robot, *posture)
+                    masks = self._detector.detect(seen, **self._labels)
                     cloud = fuse_views(frame, masks.part_masks, self._fusion)
             except DetectionError:  # The part is not found, or has no pixel with valid depth.
                 return replace(before, status=DetectorStatus.NOT_FOUND, request=request)

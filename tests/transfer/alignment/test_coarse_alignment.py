@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from poil_drake.errors import TransferError
 from poil_drake.geometry.point_cloud import PointCloud
 from poil_drake.geometry.rigid_transform import rotation_angle
+from poil_drake.geometry.rotation_grid import super_fibonacci_rotations
 from poil_drake.transfer.alignment.coarse_alignment import (
     MODE_ANGLE,
     SYMMETRY_TOLERANCE,
@@ -15,7 +16,6 @@ from poil_drake.transfer.alignment.coarse_alignment import (
     align_parts,
     distinct_rotations,
     half_turns,
-    super_fibonacci_rotations,
     symmetric_alignments,
 )
 from poil_drake.transfer.alignment.problem import AlignmentProblem, CoarseAlignmentConfig

@@ -1,0 +1,1 @@
+"""Finds an object of known shape, such as the one that a demonstration showed."""
