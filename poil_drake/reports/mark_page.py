@@ -6,6 +6,7 @@ import json
 import secrets
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.resources import files
 from typing import Any, Protocol, Self
@@ -16,7 +17,7 @@ from tornado.httpserver import HTTPServer
 from tornado.ioloop import IOLoop
 from tornado.netutil import bind_sockets
 from tornado.web import Application, RequestHandler
-from tornado.websocket import WebSocketHandler
+from tornado.websocket import WebSocketClosedError, WebSocketHandler
 
 from poil_drake.errors import PoilError
 from poil_drake.perception.detectors.by_hand.hand_labels import Mark
@@ -141,7 +142,7 @@ class MarkPage:
         try:
             self._latest = action()
         except (PoilError, OSError) as error:
-            page.write_message({"error": str(error)})
+            page.tell({"error": str(error)})
             return
         self._send({"marks": [asdict(mark) for mark in self._latest]})
         if not self._searching:
@@ -167,8 +168,8 @@ class MarkPage:
         return mask[..., None] * np.array([*self._colors[role][::-1], 255 * _OPACITY], np.uint8)
 
     def _send(self, message: Mapping[str, Any]) -> None:
-        for page in self._pages:
-            page.write_message(dict(message))
+        for page in tuple(self._pages):
+            page.tell(message)
 
 
 class _Page(RequestHandler):
@@ -187,6 +188,12 @@ class _Channel(WebSocketHandler):
 
     def initialize(self, page: MarkPage) -> None:
         self._page = page
+
+    def tell(self, message: Mapping[str, Any]) -> None:
+        """Sends a message, which a page that has just been closed does not need."""
+        with suppress(WebSocketClosedError):
+            sent = self.write_message(dict(message))
+            sent.add_done_callback(lambda future: future.cancelled() or future.exception())
 
     def open(self, *args: str, **kwargs: str) -> None:
         self._page.join(self)

@@ -98,10 +98,10 @@ def _first_guesses(marks: RoleMarks) -> tuple[list[np.ndarray], bool]:
     centre = np.median(known, axis=0)
     among = ~allowed if marks.boxed else np.ones(len(points), dtype=bool)
     standing = off_support(points, around=centre, among=among)
-    chosen = allowed.copy()
+    near = np.linalg.norm(points - centre, axis=1) < _SCENE_REACH
+    chosen = allowed & near
     if standing is not None:
         chosen &= standing
-        near = np.linalg.norm(points - centre, axis=1) < _SCENE_REACH
         meant = _pieces_meant(points, standing & near, allowed, boxed, marks.included)
         if meant.any():
             chosen &= meant
