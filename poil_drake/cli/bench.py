@@ -52,6 +52,25 @@ def bench_pipeline(
     )
 
 
+@bench_app.command("detection")
+def bench_detection(
+    scenes: Annotated[int, typer.Option("--scenes", min=1, help="Number of scenes.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first scene.")] = 0,
+    hidden: Annotated[
+        bool, typer.Option("--hidden", help="Hide the handle from all views: refusals are due.")
+    ] = False,
+    jobs: Jobs = 1,
+    json: Json = Path("out/bench_detection.json"),
+) -> None:
+    """Find a mug and its handle in random scenes, with each detector."""
+    from poil_drake.benchmarks.detection.study import run_detection_benchmark
+
+    require_writable(json)
+    run_detection_benchmark(
+        scenes=scenes, first_seed=seed, hidden=hidden, jobs=jobs, json_path=json
+    )
+
+
 @bench_app.command("loop")
 def bench_loop(
     seed: Seed = None, tracker: Tracker = None, json: Json = Path("out/bench_loop.json")

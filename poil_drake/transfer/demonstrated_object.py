@@ -129,6 +129,7 @@ def find_demonstrated_object(
             np.concatenate([_normals(cloud), np.tile([0.0, 0.0, -1.0], (len(foot), 1))]),
         ),
         np.concatenate([part, np.zeros(len(foot), dtype=bool)]),
+        np.arange(len(cloud) + len(foot)) >= len(cloud),
     )
     return DemonstratedObject(PartMasks(masks, tuple(part_masks)), tracks, shape, fixture)
 

@@ -113,7 +113,7 @@ def _first(
     R = np.concatenate(
         [np.repeat(standing, _PER_HEADING, axis=0), super_fibonacci_rotations(_ORIENTATIONS)]
     )
-    size = np.log(_radius(cluster) / _radius(shape.cloud.points))
+    size = np.log(_radius(cluster) / _radius(shape.cloud.points[~shape.guessed]))
     sizes = np.clip(size + _START[2] * rng.standard_normal((len(R), 1)), *_SCALES) * stretch
     placed = Placements(R, np.repeat(sizes, 3, axis=1), np.zeros((len(R), 3)))
     points = placed.apply(shape, shape.cloud.points[:: max(len(shape.cloud) // 300, 1)])
