@@ -181,3 +181,22 @@ def WithoutRobot(station: Station, context: Context, frame: MultiViewFrame) -> M
     model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
     opening = float(station.GetOutputPort("hand.width_measured").Eval(context)[0])
     return without_robot(frame, model, station.ArmPosition(context), opening)
+
+
+def CaptureScene(scenario: Scenario, *, hardware: bool = False) -> MultiViewFrame:
+    """Returns a frame of a scenario's cameras. The real robot is not needed for it.
+
+    Args:
+        scenario: The cameras, and what they see in a simulation.
+        hardware: Whether to use the real cameras instead of rendered images.
+
+    Raises:
+        PoilError: if there are no cameras, or no images.
+    """
+    station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
+    try:
+        # No `with` block, which would wait for the robot.
+        station.Start()
+        return CaptureFrame(station, station.CreateDefaultContext())
+    finally:
+        station.Close()
