@@ -26,7 +26,7 @@ def test_what_a_rod_touches_is_the_handle_up_to_the_body() -> None:
     assert (dut & ~is_handle).sum() < 0.25 * dut.sum()
 
 
-def test_on_a_flat_side_a_region_stays_as_it_is() -> None:
+def test_on_a_flat_side_a_region_hardly_grows() -> None:
     plate = surface((box([0.0, 0.0, -0.01], [0.06, 0.06, 0.01]),)).points
     # From a point 5 mm above, the region is a disc with a radius of 8.7 mm. The next ring is
     # 1.7 times as wide.
@@ -34,7 +34,11 @@ def test_on_a_flat_side_a_region_stays_as_it_is() -> None:
 
     dut = contact_region(plate, distances)
 
-    np.testing.assert_array_equal(dut, distances < distances.min() + 0.005)
+    start = distances < distances.min() + 0.005
+    assert dut[start].all()
+    # Pieces of the ring may join; not even one whole ring does.
+    assert dut.sum() < 2.0 * start.sum()
+    assert np.linalg.norm(plate[dut, :2], axis=1).max() < 0.0087 + 0.006
 
 
 def test_a_region_grows_over_a_whole_rod() -> None:
