@@ -35,6 +35,7 @@ _URLS = (
 _FILES = (
     "poil.demonstration",
     "poil.calibration",
+    "poil.labels.*",
     "poil.packages.*",
     "poil.tracker_config.*.python",
     "poil.tracker_config.*.repository",
