@@ -86,12 +86,14 @@ def find_demonstrated_object(
     found: list[tuple[Masks, DemonstrationTracks]] = []
     failure: TrackingError | None = None
     for masks in moved:
-        points = fuse_views(first, masks).points
-        support = points[farthest_point_sampling(points, min(_SUPPORT_POINTS, len(points)))]
         try:
+            points = fuse_views(first, masks).points
+            support = points[farthest_point_sampling(points, min(_SUPPORT_POINTS, len(points)))]
             tracks = track_demonstration(
                 demonstration, support, masks, tracker=tracker, progress=progress
             )
+        except DetectionError:  # Only edges: noise.
+            continue
         except TrackingError as error:  # A hand, for example, that has left.
             failure = error
             continue
@@ -111,7 +113,10 @@ def find_demonstrated_object(
     end = arrived_masks(
         first, last, transform_points(motion, seen.points), table_height=table_height
     )
-    cloud = _joined(seen, fuse_views(last, end, SHAPE_FUSION), inverse(motion))
+    try:
+        cloud = _joined(seen, fuse_views(last, end, SHAPE_FUSION), inverse(motion))
+    except DetectionError:  # The last frame hides the object.
+        cloud = seen
     at_end = transform_points(motion, cloud.points)
     fixture, distances = _fixture(demonstration, masks, at_end, table_height)
     part = contact_region(cloud.points, distances)
@@ -182,10 +187,10 @@ def _fixture(
         if distances.min() < near.min():
             best, near = points, distances
     if near.min() > _NEAR_FIXTURE:
+        where = f"{100 * near.min():.0f} cm from" if np.isfinite(near.min()) else "without"
         raise DetectionError(
-            f"The object of the demonstration '{demonstration.name}' ends "
-            f"{100 * near.min():.0f} cm from everything else above the table, so its functional "
-            "part cannot be told.",
+            f"The object of the demonstration '{demonstration.name}' ends {where} anything else "
+            "above the table, so its functional part cannot be told.",
             remedy="Check poil.table_height, or name the part with another poil.detector.",
         )
     return best, near
