@@ -1,0 +1,165 @@
+"""One trial: the trackers run on the sequences of one seed, in each case."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from poil_drake.benchmarks.tracking.cases import CASES, TrackingCase
+from poil_drake.benchmarks.tracking.measures import Track
+from poil_drake.benchmarks.tracking.sequence import MakeSequence, TrackingSequence, slip_time
+from poil_drake.errors import MissingDependencyError, TrackingError
+from poil_drake.geometry.rigid_transform import inverse
+from poil_drake.perception.faults.injector import FaultInjector
+from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.tracked_points import TrackedPoints
+from poil_drake.perception.trackers.protocol import Tracker
+from poil_drake.perception.trackers.registry import make_tracker
+
+NO_WEIGHTS = "weights not present"
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedTrial:
+    """One tracker in one case on the sequence of one seed.
+
+    Attributes:
+        seed: The trial's seed.
+        case: Name in `CASES`.
+        tracker: Name of the tracker.
+        prior: Whether it got the motion of the hand as its prior, as in the closed loop.
+        track: What it reported; None if it could not run.
+        problem: Why it could not run; empty if it did.
+        tiles: Pictures (H, W, 3) uint8 of some frames with the points; only of the first seed.
+    """
+
+    seed: int
+    case: str
+    tracker: str
+    prior: bool
+    track: Track | None = None
+    problem: str = ""
+    tiles: tuple[np.ndarray, ...] = ()
+
+
+def run_trial(
+    trackers: Sequence[str],
+    cases: Sequence[str],
+    priors: Sequence[bool],
+    max_frames: int | None,
+    data: str | None,
+    seed: int,
+) -> list[TrackedTrial]:
+    """Runs every tracker, with and without a prior, in every case on the sequences of a seed."""
+    results = []
+    for kind in dict.fromkeys(CASES[name].sequence for name in cases):
+        sequence = MakeSequence(kind, seed, max_frames=max_frames, data=data)
+        for name in (name for name in cases if CASES[name].sequence == kind):
+            for tracker in trackers:
+                try:
+                    made = make_tracker(tracker)
+                except MissingDependencyError as error:
+                    results += [
+                        TrackedTrial(seed, name, tracker, prior, problem=_problem(error))
+                        for prior in priors
+                    ]
+                    continue
+                for prior in priors:
+                    try:
+                        track, tiles = follow(made, sequence, CASES[name], prior=prior, seed=seed)
+                    except TrackingError as error:
+                        problem = error.problem
+                        results.append(TrackedTrial(seed, name, tracker, prior, problem=problem))
+                    else:
+                        tiles = tiles if seed == 0 else ()
+                        results.append(TrackedTrial(seed, name, tracker, prior, track, "", tiles))
+        del sequence
+    return results
+
+
+def follow(
+    tracker: Tracker, sequence: TrackingSequence, case: TrackingCase, *, prior: bool, seed: int
+) -> tuple[Track, tuple[np.ndarray, ...]]:
+    """Runs a tracker on a sequence, as the closed loop would: only frames that are new are tracked.
+
+    A step that raises a TrackingError counts as lost, and the tracker keeps its last state.
+
+    Args:
+        tracker: The tracker.
+        sequence: The frames without faults, and the truth.
+        case: The faults.
+        prior: Whether the tracker gets the motion of the hand.
+        seed: Seed of random faults.
+
+    Returns:
+        The track, and pictures of some frames with the reported points.
+
+    Raises:
+        TrackingError: if the tracker cannot start.
+    """
+    motion = sequence.motion
+    start = slip_time(motion)
+    names = tuple(camera.name for camera in sequence.frames[0].cameras)
+    injector = FaultInjector(
+        case.faults(start, names), object_label=sequence.object_label, seed=seed
+    )
+    first_pixels = _pixels(sequence.frames[0], sequence.object_label)
+    shown = set(np.linspace(0, len(sequence.frames) - 1, 8).astype(int).tolist())
+    rows, tiles, state, last, since = [], [], None, -np.inf, 0
+    for index, true in enumerate(sequence.frames):
+        frame = injector.apply(true)
+        if not frame.stamp > last:
+            continue
+        visible = np.max(_pixels(frame, sequence.object_label) / np.maximum(first_pixels, 1))
+        unlabelled = MultiViewFrame(frame.cameras, frame.images)
+        began = time.perf_counter()
+        try:
+            if index == 0:
+                output = tracker.start(unlabelled, sequence.query_points, sequence.masks)
+            else:
+                moved = motion.priors[index] @ inverse(motion.priors[since])
+                output = tracker.step(state, unlabelled, moved if prior else None)
+        except TrackingError:
+            if index == 0:
+                raise
+            points, lost = TrackedPoints.lost(len(sequence.query_points), frame.stamp), True
+        else:
+            state, points, lost, since = output.state, output.points, output.lost, index
+        wall = time.perf_counter() - began
+        last = frame.stamp
+        errors = np.linalg.norm(points.positions - sequence.true_points(index), axis=1)
+        errors[(points.confidence <= 0.0) | lost] = np.nan
+        rows.append((motion.times[index], errors, lost, visible, wall))
+        if index in shown:
+            tiles.append(_tile(frame, points, lost=lost))
+    times, errors, lost, visible, wall = (np.array(column) for column in zip(*rows, strict=True))
+    disturbance = None if case.duration is None else (start, start + case.duration)
+    return Track(times, errors, lost, visible, wall, disturbance), tuple(tiles)
+
+
+def _pixels(frame: MultiViewFrame, name: str) -> np.ndarray:
+    """Returns how many pixels of each view (V,) show the object."""
+    ids = frame.label_ids[name]
+    return np.array([np.isin(i.label, ids).sum() for i in frame.images if i.label is not None])
+
+
+def _tile(frame: MultiViewFrame, points: TrackedPoints, *, lost: bool) -> np.ndarray:
+    """Returns a picture of the views side by side, half as large, with the reported points."""
+    import cv2
+
+    views = []
+    for camera, image in zip(frame.cameras, frame.images, strict=True):
+        picture = image.rgb.copy()
+        reported = points.positions[points.confidence > 0.0]
+        p = (reported - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3] @ camera.K.T
+        for u, v in np.rint(p[:, :2] / p[:, 2:]).astype(int).tolist():
+            cv2.circle(picture, (u, v), 5, (255, 60, 0), -1)
+        if lost:
+            cv2.putText(picture, "lost", (20, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, (255, 0, 0), 4)
+        views.append(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
+    return np.concatenate(views)
+
+
+def _problem(error: MissingDependencyError) -> str:
+    return NO_WEIGHTS if "weight" in error.problem.lower() else error.problem
