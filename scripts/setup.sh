@@ -13,5 +13,5 @@ fi
 [ -x "$VENV/bin/python" ] || "$PYTHON" -m venv "$VENV"
 echo "installing locked dependencies into $VENV (about two minutes)"
 "$VENV/bin/python" -m pip install -qq --disable-pip-version-check --no-compile \
-  --constraint constraints.txt --editable '.[dev,cluster]'
+  --constraint constraints.txt --editable '.[dev,cluster,vision]'
 touch "$VENV/.complete"

@@ -55,7 +55,7 @@ Tracker = Annotated[
     typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
 ]
 Detector = Annotated[
-    str | None, typer.Option("--detector", help="demonstration (default) or label_image.")
+    str | None, typer.Option("--detector", help="demonstration (default), by_name or label_image.")
 ]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")]
 Html = Annotated[

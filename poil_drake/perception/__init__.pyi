@@ -4,7 +4,15 @@ from .calibration.camera_poses import calibrate_cameras as calibrate_cameras
 from .calibration.depth_check import DepthCheck as DepthCheck
 from .calibration.depth_check import check_depth as check_depth
 from .calibration.first_guess import BoardView as BoardView
+from .detectors.by_name.config import GroundingDino as GroundingDino
+from .detectors.by_name.config import NamedDetectorConfig as NamedDetectorConfig
+from .detectors.by_name.config import OpenAiServer as OpenAiServer
+from .detectors.by_name.config import RexOmni as RexOmni
+from .detectors.by_name.config import Sam3 as Sam3
+from .detectors.by_name.registry import make_named_detector as make_named_detector
 from .images import CameraModel as CameraModel
 from .images import MultiViewFrame as MultiViewFrame
 from .images import RgbdImage as RgbdImage
+from .segmenters.config import GrabCut as GrabCut
+from .segmenters.config import Sam2 as Sam2
 from .tracked_points import TrackedPoints as TrackedPoints

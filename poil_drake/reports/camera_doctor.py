@@ -12,7 +12,7 @@ from poil_drake.perception.calibration.depth_check import (
     wrong_unit,
 )
 from poil_drake.perception.calibration.view_cloud import BAND
-from poil_drake.reports.doctor import Finding
+from poil_drake.reports.finding import Finding
 
 _CALIBRATE = "Run poil calibrate cameras."
 

@@ -5,30 +5,14 @@ import importlib.metadata
 import platform
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from poil_drake.errors import PoilError
-
-
-@dataclass(frozen=True)
-class Finding:
-    """The outcome of one check.
-
-    Attributes:
-        name: What was checked.
-        ok: Whether the check passed.
-        found: The version or device, or the first line of the error.
-        remedy: What to do if the check fails, usually an installation command.
-    """
-
-    name: str
-    ok: bool
-    found: str
-    remedy: str
+from poil_drake.reports.finding import Finding
+from poil_drake.reports.model_doctor import model_findings
 
 
 def Examine() -> list[Finding]:
-    """Checks Python, libraries, rendering, LCM and the torch device, in that order."""
+    """Checks Python, libraries, rendering, LCM and learned models, in that order."""
     pip = f"{sys.executable} -m pip install"
     multicast = "ip link set lo multicast on && ip route add 224.0.0.0/4 dev lo"
     checks: list[tuple[str, Callable[[], str], str]] = [
@@ -42,7 +26,8 @@ def Examine() -> list[Finding]:
         ("rendering", _rendering, _apt("libegl1", "libgl1", "libgl1-mesa-dri")),
         ("lcm", _lcm, f"Only for hardware: sudo sh -c '{multicast}'"),
     ]
-    return [_finding(name, check, remedy) for name, check, remedy in checks]
+    findings = [_finding(name, check, remedy) for name, check, remedy in checks]
+    return [*findings, *model_findings()]
 
 
 def _apt(*packages: str) -> str:

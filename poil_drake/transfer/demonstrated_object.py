@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import Delaunay, cKDTree
 
 from poil_drake.errors import DetectionError, TrackingError
 from poil_drake.geometry.frozen_array import SharedOnCopy
@@ -35,6 +35,7 @@ from poil_drake.transfer.progress import Progress
 _SUPPORT_POINTS = 40  # tracked on the object, as in the paper
 _NEAR_FIXTURE = 0.04  # at the end, the object is at most this far from the fixture [m]
 _PIXEL_REACH = 0.006  # of a pixel from the shape [m]
+_FOOT_HEIGHT = 0.012  # above the table, up to which points surround the foot [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,18 +122,43 @@ def find_demonstrated_object(
         own = np.zeros(mask.shape, dtype=bool)
         own[mask] = (distance < _PIXEL_REACH) & part[nearest]
         part_masks.append(own)
-    return DemonstratedObject(
-        PartMasks(masks, tuple(part_masks)), tracks, KnownShape(cloud, part), fixture
+    foot = _foot(cloud, table_height)
+    shape = KnownShape(
+        PointCloud(
+            np.concatenate([cloud.points, foot]),
+            np.concatenate([_normals(cloud), np.tile([0.0, 0.0, -1.0], (len(foot), 1))]),
+        ),
+        np.concatenate([part, np.zeros(len(foot), dtype=bool)]),
+        np.arange(len(cloud) + len(foot)) >= len(cloud),
     )
+    return DemonstratedObject(PartMasks(masks, tuple(part_masks)), tracks, shape, fixture)
+
+
+def _foot(cloud: PointCloud, table_height: float) -> np.ndarray:
+    """Returns points (F, 3) of the side on which the object stood, which no camera saw [m, world].
+
+    It is the convex hull of the object's lowest points, on the table. Without it, an object that
+    lies would look unlike the demonstrated one.
+    """
+    low = cloud.points[cloud.points[:, 2] < table_height + _FOOT_HEIGHT, :2]
+    if len(low) < 4:
+        return np.zeros((0, 3))
+    steps = [np.arange(x.min(), x.max(), SHAPE_FUSION.voxel_size) for x in low.T]
+    grid = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
+    grid = grid[Delaunay(low).find_simplex(grid) >= 0]
+    return np.column_stack([grid, np.full(len(grid), table_height)])
+
+
+def _normals(cloud: PointCloud) -> np.ndarray:
+    assert cloud.normals is not None
+    return cloud.normals
 
 
 def _joined(first: PointCloud, last: PointCloud, back: np.ndarray) -> PointCloud:
     """Returns the object's cloud in the first frame, and that in the last frame moved back."""
-    assert first.normals is not None
-    assert last.normals is not None
     cloud = PointCloud(
         np.concatenate([first.points, transform_points(back, last.points)]),
-        np.concatenate([first.normals, last.normals @ back[:3, :3].T]),
+        np.concatenate([_normals(first), _normals(last) @ back[:3, :3].T]),
     )
     cloud = voxel_downsample(cloud, SHAPE_FUSION.voxel_size)
     return cloud.select(statistical_inliers(cloud.points, neighbours=16, deviations=2.5))

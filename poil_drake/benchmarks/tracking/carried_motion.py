@@ -144,7 +144,7 @@ def with_slip(motion: CarriedMotion, time: float, rng: np.random.Generator) -> C
 
 
 def _keyframes(scenario: Scenario, X_WO: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns times and poses of the built-in demonstration, from X_WO on, without the first rest."""
+    """Returns times and poses of the built-in demonstration from X_WO on, without its rest."""
     model = ObjectDirective(list(scenario.directives), scenario.poil.object)
     poil = replace(scenario.poil, demonstration_object=model.file)
     scene = DemonstrationScene(replace(scenario, poil=poil), cameras=False)

@@ -4,7 +4,10 @@ from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
+from pydrake.common.schema import Transform
 from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import AddModel, ModelDirective
+from pydrake.systems.framework import Context
 
 from poil_drake.benchmarks.tracking.carried_motion import (
     CarriedMotion,
@@ -13,6 +16,7 @@ from poil_drake.benchmarks.tracking.carried_motion import (
     with_slip,
 )
 from poil_drake.diagrams.scenario.load import ChooseScenario
+from poil_drake.diagrams.scenario.randomization import ObjectDirective
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.cameras.incremental_renderer import IncrementalRenderer
 from poil_drake.diagrams.station.station import MakeStation, SimulatedStation
@@ -90,17 +94,12 @@ def MakeSequence(
 
 def _with_clutter(scenario: Scenario) -> Scenario:
     """Returns the scenario with other objects on its table."""
-    from pydrake.common.schema import Transform
-    from pydrake.multibody.parsing import AddModel, ModelDirective
-
-    from poil_drake.diagrams.scenario.randomization import ObjectDirective
-
     mug = ObjectDirective(list(scenario.directives), scenario.poil.object)
     (pose,) = mug.default_free_body_pose.values()
     extra = []
     for number, (name, x, y) in enumerate(_CLUTTER):
         model = AddModel(name=f"other_{number}", file=f"package://poil_drake/objects/{name}.sdf")
-        at = np.array(pose.translation) + [x, y, 0.03]
+        at = np.add(pose.translation, [x, y, 0.03])
         model.default_free_body_pose = {"body": Transform(RigidTransform(at))}
         extra.append(ModelDirective(add_model=model))
     return replace(scenario, directives=[*scenario.directives, *extra])
@@ -123,22 +122,22 @@ def _render(scenario: Scenario, kind: str, seed: int, max_frames: int | None) ->
     total = len(motion.times)
     kept = np.unique(np.linspace(0, total - 1, min(total, max_frames or total)).astype(int))
     motion = _selected(motion, kept)
-    frames: list[MultiViewFrame] = []
-    points = masks = None
     renderer = IncrementalRenderer(station, station.scene_graph(), station.camera_names)
-    for index in range(len(kept)):
-        frames.append(_capture(station, context, renderer, motion, index))
-        if index == 0:
-            found = LabelImageDetector().detect(
-                frames[0], object_label=scenario.poil.object, part_label=scenario.poil.part
-            )
-            cloud = fuse_views(frames[0], found.part_masks, scenario.poil.fusion).points
-            if len(cloud) < scenario.poil.num_points:
-                raise DetectionError("The part is hardly seen.", remedy="Use another seed.")
-            points = cloud[farthest_point_sampling(cloud, scenario.poil.num_points)]
-            masks = found.object_masks
-    assert points is not None and masks is not None
-    return TrackingSequence(tuple(frames), motion, points, masks, scenario.poil.object)
+    first = _capture(station, context, renderer, motion, 0)
+    found = LabelImageDetector().detect(
+        first, object_label=scenario.poil.object, part_label=scenario.poil.part
+    )
+    cloud = fuse_views(first, found.part_masks, scenario.poil.fusion).points
+    if len(cloud) < scenario.poil.num_points:
+        raise DetectionError("The part is hardly seen.", remedy="Use another seed.")
+    rest = (_capture(station, context, renderer, motion, k) for k in range(1, len(kept)))
+    return TrackingSequence(
+        (first, *rest),
+        motion,
+        cloud[farthest_point_sampling(cloud, scenario.poil.num_points)],
+        found.object_masks,
+        scenario.poil.object,
+    )
 
 
 def _selected(motion: CarriedMotion, kept: np.ndarray) -> CarriedMotion:
@@ -156,7 +155,7 @@ def _selected(motion: CarriedMotion, kept: np.ndarray) -> CarriedMotion:
 
 def _capture(
     station: SimulatedStation,
-    context: object,
+    context: Context,
     renderer: IncrementalRenderer,
     motion: CarriedMotion,
     index: int,

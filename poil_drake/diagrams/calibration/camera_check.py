@@ -8,7 +8,7 @@ from poil_drake.perception.calibration.depth_check import check_depth
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.reports.camera_doctor import camera_findings
-from poil_drake.reports.doctor import Finding
+from poil_drake.reports.finding import Finding
 
 
 def ExamineCameras(

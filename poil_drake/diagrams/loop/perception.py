@@ -14,7 +14,7 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetector
 from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
 from poil_drake.perception.detectors.protocol import Detector
-from poil_drake.perception.detectors.registry import DEMONSTRATION, DETECTORS, LABEL_IMAGE
+from poil_drake.perception.detectors.registry import DEMONSTRATION, LABEL_IMAGE, make_detector
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
@@ -95,11 +95,15 @@ def MakeRunDetector(poil: PoilConfig, plan: ExecutionPlan) -> Detector:
     The detector of demonstrations then searches the object itself, whose shape the plan has.
     """
     if poil.detector != DEMONSTRATION:
-        return DETECTORS[poil.detector]()
+        return make_detector(poil.detector, poil.detector_config, table_height=poil.table_height)
     points = plan.object_points
     cloud = PointCloud(points, pca_normals(points, np.arange(len(points))))
     part = cKDTree(plan.part_points).query(points)[0] < _PART_REACH
-    return KnownShapeDetector(KnownShape(cloud, part), table_height=poil.table_height, is_same=True)
+    return KnownShapeDetector(
+        KnownShape(cloud, part, np.zeros(len(points), dtype=bool)),
+        table_height=poil.table_height,
+        is_same=True,
+    )
 
 
 def MakeScenarioTracker(poil: PoilConfig) -> Tracker:

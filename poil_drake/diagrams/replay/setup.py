@@ -97,7 +97,7 @@ def SetUpReplay(
     if used != RECORDED:
         scenario = replace(scenario, poil=replace(scenario.poil, tracker=used))
         MakeScenarioTracker(scenario.poil)
-        require_detector(scenario.poil.detector)
+        require_detector(scenario.poil.detector, scenario.poil.detector_config)
         RequireImages(run, scenario)
     RequireTopics(run, repeat_tracks=used == RECORDED)
     RequireTimes(run, recorded)

@@ -87,7 +87,7 @@ def RunSkill(
         recorded = str(beside.parent / "demo.mcap")
     with FreshOutputs(outputs, scenario, stages, inputs=(recorded,)):
         # Find mistakes in the scenario before minutes are spent on a demonstration.
-        require_detector(scenario.poil.detector)
+        require_detector(scenario.poil.detector, scenario.poil.detector_config)
         MakeScenarioTracker(scenario.poil)
         if hardware and scenario.poil.tracker == GROUND_TRUTH:
             raise ground_truth_error()

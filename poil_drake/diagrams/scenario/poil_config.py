@@ -15,6 +15,7 @@ from poil_drake.diagrams.scenario.value_ranges import require_not_negative, requ
 from poil_drake.errors import ScenarioError
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
+from poil_drake.perception.detectors.by_name.config import NamedDetectorConfig
 from poil_drake.perception.faults.injector import Fault
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.robots.collision import CollisionConfig
@@ -172,7 +173,9 @@ class PoilConfig:
             the same as in `parts`.
         demonstration_motion: The object's motion in the built-in demonstration.
         detector: How the object and its part are found: "demonstration" needs nothing but what the
-            demonstration shows; "label_image" reads a simulator's label images.
+            demonstration shows; "by_name" asks a learned model for the words that name them;
+            "label_image" reads a simulator's label images.
+        detector_config: Models and words of the detector "by_name".
         tracker: Name of the point tracker.
         fusion: How the cameras' images become the part's cloud. The clouds of the whole object and
             of the obstacles have voxels twice as large.
@@ -214,6 +217,7 @@ class PoilConfig:
         default_factory=DemonstrationMotionConfig
     )
     detector: str = "demonstration"
+    detector_config: NamedDetectorConfig = field(default_factory=NamedDetectorConfig)
     tracker: str = "rigid_flow"
     fusion: FusionConfig = field(default_factory=FusionConfig)
     grasp: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)

@@ -22,8 +22,8 @@ SHAPE_FUSION = FusionConfig(
 )
 """How clouds are made for a search: with all pixels, since thin parts consist of edges."""
 
-_MAX_COST = 0.35  # of a shape that is found; other objects cost more
-_MARGIN = 0.02  # by which other placements of the part must cost more
+_MAX_COST = 0.25  # of a shape that is found; most other objects cost more
+_MARGIN = 0.02  # by which other objects, and other places of the part, must cost more
 _MIN_SEEN = 0.3  # share of the part's points that must be seen
 _MAX_THROUGH = 0.2  # largest share of the part's points that may be seen through
 _OTHER_PART = 0.03  # distance at which a part is another one [m]
@@ -71,24 +71,31 @@ class KnownShapeDetector:
             DetectionError: if no cluster has the shape, if several have it, if the part may be in
                 several places, or if no view shows it.
         """
-        found = self._candidates(frame)
-        likely = sorted((one for one in found if one.cost <= _MAX_COST), key=_cost)
-        if not likely:
-            best_cost = f"; the best fit costs {min(map(_cost, found)):.2f}" if found else ""
+        found = sorted(self._candidates(frame), key=lambda one: one.cost)
+        if not found or found[0].cost > _MAX_COST:
+            cost = f"; the best fit costs {found[0].cost:.2f}" if found else ""
             raise DetectionError(
                 f"None of the {len(found)} objects on the table looks like the demonstrated "
-                f"'{object_label}'{best_cost}, more than {_MAX_COST:g}.",
+                f"'{object_label}'{cost}, and {_MAX_COST:g} is the most for a likeness.",
                 remedy="Put the object where the cameras see it, apart from others, or name it: "
                 "poil.detector.",
             )
-        best = likely[0]
-        if len(likely) > 1 and likely[1].cost < best.cost + _MARGIN:
+        what = f"the part '{part_label}' of '{object_label}'"
+        likely = [one for one in found if one.cost <= found[0].cost + _MARGIN]
+        doubts = [self._doubt(one, what) for one in likely]
+        certain = [one for one, doubt in zip(likely, doubts, strict=True) if doubt is None]
+        if not certain:
+            raise DetectionError(
+                str(doubts[0]),
+                remedy="Turn the object so that the cameras see the part, or add a camera.",
+            )
+        if len(certain) > 1:
             raise DetectionError(
                 f"Two objects look like the demonstrated '{object_label}': at "
-                f"{_text(best.center)} m and at {_text(likely[1].center)} m.",
+                f"{_text(certain[0].center)} m and at {_text(certain[1].center)} m.",
                 remedy="Leave one of them on the table.",
             )
-        return self._masks(frame, best, object_label, part_label)
+        return self._masks(frame, certain[0])
 
     def _candidates(self, frame: MultiViewFrame) -> list["_Candidate"]:
         clusters = object_clusters(
@@ -113,27 +120,31 @@ class KnownShapeDetector:
             found.append(_Candidate(masks, cloud, shape))
         return found
 
-    def _masks(
-        self, frame: MultiViewFrame, best: "_Candidate", object_label: str, part_label: str
-    ) -> PartMasks:
-        found, shape = best.found, self._shape
+    def _doubt(self, candidate: "_Candidate", what: str) -> str | None:
+        """Returns why a candidate's part cannot be told; None if it can."""
+        found = candidate.found
         centers = found.part_centers()
         elsewhere = np.linalg.norm(centers - centers[0], axis=1) > _OTHER_PART
-        if np.any(found.costs[elsewhere] < best.cost + _MARGIN):
-            other = centers[elsewhere][0]
-            raise DetectionError(
-                f"The part '{part_label}' of '{object_label}' may be at {_text(centers[0])} m or "
-                f"at {_text(other)} m; both fit what the views show.",
-                remedy="Turn the object so that the cameras see the part, or add a camera.",
+        if np.any(found.costs[elsewhere] < candidate.cost + _MARGIN):
+            return (
+                f"{what[0].upper()}{what[1:]} may be at {_text(centers[0])} m or at "
+                f"{_text(centers[elsewhere][0])} m; both fit what the views show."
             )
-        placed = found.placements.select(np.array([0])).apply(shape, shape.cloud.points)[0]
-        seen, through = found.fit.support(placed[shape.part])
+        seen, through = found.fit.support(self._placed(candidate)[self._shape.part])
         if seen < _MIN_SEEN or through > _MAX_THROUGH:
-            raise DetectionError(
-                f"The views show only {seen:.0%} of where the part '{part_label}' of "
-                f"'{object_label}' should be, at {_text(centers[0])} m.",
-                remedy="Turn the object so that the cameras see the part, or add a camera.",
+            return (
+                f"The views show only {seen:.0%} of where {what} should be, at "
+                f"{_text(centers[0])} m, and see through {through:.0%}."
             )
+        return None
+
+    def _placed(self, candidate: "_Candidate") -> np.ndarray:
+        """Returns the shape's points (P, 3) where they fit best [m, world]."""
+        best = candidate.found.placements.select(np.array([0]))
+        return best.apply(self._shape, self._shape.cloud.points)[0]
+
+    def _masks(self, frame: MultiViewFrame, best: "_Candidate") -> PartMasks:
+        placed, shape = self._placed(best), self._shape
         cloud = best.cloud.points
         is_object = cKDTree(placed).query(cloud)[0] < _OBJECT_REACH
         is_part = is_object & _transferred_part(placed, shape.part, cloud, thin=self._thin)
@@ -185,10 +196,6 @@ class _Candidate:
     @property
     def center(self) -> np.ndarray:
         return self.cloud.points.mean(axis=0)
-
-
-def _cost(candidate: _Candidate) -> float:
-    return candidate.cost
 
 
 def _filled(mask: np.ndarray, values: np.ndarray) -> np.ndarray:

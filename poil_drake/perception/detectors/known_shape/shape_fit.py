@@ -33,20 +33,22 @@ class KnownShape(SharedOnCopy):
         cloud: The object's surface, with normals [m, in any frame whose z axis is vertical when
             the object stands as usual].
         part: (P,) bool, which of its points belong to the functional part; at least one.
+        guessed: (P,) bool, which of its points no view has shown.
     """
 
     cloud: PointCloud
     part: np.ndarray
+    guessed: np.ndarray
 
     @cached_property
     def center(self) -> np.ndarray:
-        """The centroid (3,) [m]."""
-        return self.cloud.points.mean(axis=0)
+        """The centroid (3,) of the points that views have shown [m]."""
+        return self.cloud.points[~self.guessed].mean(axis=0)
 
     @cached_property
     def axes(self) -> np.ndarray:
-        """The principal axes, columns of (3, 3)."""
-        return np.linalg.eigh(np.cov(self.cloud.points.T))[1]
+        """The principal axes of these points, columns of (3, 3)."""
+        return np.linalg.eigh(np.cov(self.cloud.points[~self.guessed].T))[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +121,7 @@ class ShapeFit:
             count: Number of points of each cloud that are compared.
         """
         self.shape = shape
-        self._points = shape.cloud.points[_informative(shape.cloud, count)]
+        self._points = shape.cloud.points[_informative(shape.cloud, count, shape.guessed)]
         self._scene = cluster.points[_informative(cluster, count)]
         own = shape.cloud.points - shape.center
         self._radius = float(np.linalg.norm(own, axis=1).max())
@@ -209,16 +211,18 @@ def _saturated(distance: np.ndarray) -> np.ndarray:
     return distance / np.sqrt(distance * distance + np.float32(_WIDTH**2))
 
 
-def _informative(cloud: PointCloud, count: int) -> np.ndarray:
+def _informative(cloud: PointCloud, count: int, guessed: np.ndarray | None = None) -> np.ndarray:
     """Returns indices of points, of which most determine the cloud's pose well.
 
     A point's leverage is its share of the information on the pose (cf. Gelfand et al. 2003,
-    "Geometrically stable sampling for the ICP algorithm").
+    "Geometrically stable sampling for the ICP algorithm"). Guessed points have none.
     """
     assert cloud.normals is not None
     arms = cloud.points - cloud.points.mean(axis=0)
     arms /= np.sqrt(np.mean(np.sum(arms**2, axis=1)))
     J = np.concatenate([np.cross(arms, cloud.normals), cloud.normals], axis=1)
+    if guessed is not None:
+        J[guessed] = 0.0
     leverage = np.einsum("mi,mi->m", J @ np.linalg.pinv(J.T @ J), J)
     share = _LEVERAGE_SHARE * leverage / leverage.sum() + (1.0 - _LEVERAGE_SHARE) / len(J)
     # Systematic sampling: one point for each equal step of the cumulative shares.

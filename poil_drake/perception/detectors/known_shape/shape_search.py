@@ -20,6 +20,7 @@ _MODES = 16  # that are refined
 _DESCENT_STEPS = 15
 _STEPS = np.repeat([0.03, 0.03, 0.003], 3)  # in rotation [rad], log scale, position [m]
 _DAMPING = 1e-5  # of the first step
+_HOPELESS = 0.5  # cost above which placements are not refined
 _CERTAIN = 0.06  # cost below which an expected placement is right
 _SHARES = np.array([1.0, 0.5, 0.2, 0.05])  # of a step that are tried
 _MODE_ANGLE, _MODE_DISTANCE = np.deg2rad(30.0), 0.02  # [rad, m]; nearer placements are one mode
@@ -89,6 +90,9 @@ def search_shape(
         new = _varied(placed, _VARIED, deviations, stretch, rng)
         placed, costs = placed.joined(new), np.concatenate([costs, coarse.cost(new)])
         deviations, kept = _SHRINK * deviations, max(_FEWEST, kept * 3 // 4)
+    if costs.min() > _HOPELESS:
+        best = np.array([np.argmin(costs)])
+        return FoundShape(placed.select(best), costs[best], fine)
     modes = placed.select(np.array(_modes(shape, placed, np.argsort(costs, kind="stable"))))
     modes = _descended(fine, modes, stretch)
     costs = fine.cost(modes)
@@ -109,7 +113,7 @@ def _first(
     R = np.concatenate(
         [np.repeat(standing, _PER_HEADING, axis=0), super_fibonacci_rotations(_ORIENTATIONS)]
     )
-    size = np.log(_radius(cluster) / _radius(shape.cloud.points))
+    size = np.log(_radius(cluster) / _radius(shape.cloud.points[~shape.guessed]))
     sizes = np.clip(size + _START[2] * rng.standard_normal((len(R), 1)), *_SCALES) * stretch
     placed = Placements(R, np.repeat(sizes, 3, axis=1), np.zeros((len(R), 3)))
     points = placed.apply(shape, shape.cloud.points[:: max(len(shape.cloud) // 300, 1)])

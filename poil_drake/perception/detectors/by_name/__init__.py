@@ -1,0 +1,1 @@
+"""Detectors that find objects and parts by their names, with a learned model."""

@@ -1,0 +1,1 @@
+"""Learned models: their weights, licences and input images."""

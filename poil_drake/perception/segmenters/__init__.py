@@ -1,0 +1,1 @@
+"""Segmenters, which turn boxes into masks, and share one protocol."""
