@@ -96,13 +96,17 @@ def false_alarms(track: Track) -> tuple[int, int]:
     """Returns in how many frames the tracker said wrongly that the object is lost, of how many.
 
     Counted are frames that show the object, except from the begin of a disturbance to the end of
-    the time to recover from it.
+    the time to recover from it. A loss that began in another frame is no false alarm, however long
+    it lasts.
     """
     counted = track.visible >= VISIBLE
     if track.disturbance is not None:
         start, end = track.disturbance
         counted &= (track.times < start) | (track.times > end + RECOVERY_LIMIT)
-    return int(np.count_nonzero(track.lost & counted)), int(np.count_nonzero(counted))
+    alarms = np.zeros(len(counted), dtype=bool)
+    for first, last in _runs(track.lost):
+        alarms[first : last + 1] = counted[first]
+    return int(np.count_nonzero(alarms & counted)), int(np.count_nonzero(counted))
 
 
 def summarize(tracks: Sequence[Track]) -> dict[str, float | int]:

@@ -133,9 +133,9 @@ def follow(
         rows.append((motion.times[index], errors, lost, visible, wall))
         if index in shown:
             tiles.append(_tile(frame, points, lost=lost))
-    times, errors, lost, visible, wall = (np.array(column) for column in zip(*rows, strict=True))
+    columns = (np.array(column) for column in zip(*rows, strict=True))
     disturbance = None if case.duration is None else (start, start + case.duration)
-    return Track(times, errors, lost, visible, wall, disturbance), tuple(tiles)
+    return Track(*columns, disturbance=disturbance), tuple(tiles)
 
 
 def _pixels(frame: MultiViewFrame, name: str) -> np.ndarray:
