@@ -22,7 +22,7 @@ _REST = 0.5  # [s] before the arm moves: the tracker starts on an object that no
 _REACH = 2.0  # [s] from the start posture to the grasp
 _PREGRASP = 0.1  # [m] back from the grasp
 _FINGERS_BELOW_RIM = 0.02  # [m]
-_RIM_ANGLES = np.radians(np.arange(45.0, 316.0, 15.0))  # of grasps, clear of the handle at 0
+_RIM_ANGLES = np.radians(np.arange(45.0, 316.0, 30.0))  # of grasps, clear of the handle at 0
 _LARGEST_STEP = 0.3  # of a joint between two frames [rad]: a jump to another branch of the IK
 
 SLIP_LENGTH, SLIP_ANGLE = 0.03, 20.0
@@ -40,6 +40,8 @@ class CarriedMotion:
         hand_poses: (T, 4, 4) X_WG.
         object_poses: (T, 4, 4) X_WO.
         held: (T,) bool, whether the hand holds the object.
+        priors: (T, 4, 4) X_M, the motion of the object as forward kinematics knows it: with the
+            hand since the moment of the grasp, and none before.
         carried: First and last time of the transport through the air [s].
     """
 
@@ -49,17 +51,8 @@ class CarriedMotion:
     hand_poses: np.ndarray
     object_poses: np.ndarray
     held: np.ndarray
+    priors: np.ndarray
     carried: tuple[float, float]
-
-    @property
-    def priors(self) -> np.ndarray:
-        """(T, 4, 4) X_M, the motion of the object as forward kinematics knows it.
-
-        The object follows the hand from the moment of the grasp, and rests before.
-        """
-        grasped = self.hand_poses[int(np.argmax(self.held))]
-        moved = self.hand_poses @ inverse(grasped)
-        return np.where(self.held[:, None, None], moved, np.eye(4))
 
 
 def hanging_motion(
@@ -96,13 +89,18 @@ def hanging_motion(
     postures = np.concatenate([np.tile(home, (rest, 1)), to_grasp, arm])
     before = rest + reach
     held = np.arange(len(postures)) >= before
+    hand_poses = model.gripper_pose(postures)
+    # What the arm does, which reaches the path but for the tolerance of its kinematics.
+    carried = hand_poses @ inverse(hand_poses[before])
+    priors = np.where(held[:, None, None], carried, np.eye(4))
     return CarriedMotion(
         times=period * np.arange(len(postures)),
         postures=postures,
         widths=np.where(held, mug.wall, MAX_HAND_WIDTH),
-        hand_poses=model.gripper_pose(postures),
-        object_poses=np.concatenate([np.tile(X_WO, (before, 1, 1)), path]),
+        hand_poses=hand_poses,
+        object_poses=priors @ X_WO,
         held=held,
+        priors=priors,
         carried=(period * before + moments[1], period * before + moments[2]),
     )
 
@@ -121,6 +119,7 @@ def still_motion(
         hand_poses=model.gripper_pose(postures),
         object_poses=np.tile(X_WO, (count, 1, 1)),
         held=np.zeros(count, dtype=bool),
+        priors=np.tile(np.eye(4), (count, 1, 1)),
         carried=(0.0, duration),
     )
 
@@ -184,18 +183,14 @@ def _reachable(
         InvalidValueError: if there is none.
     """
     q, index = distinct_solutions(model, path[-1] @ grasps)
-    X_OG = grasps[index]
-    postures, possible = [q], np.ones(len(q), dtype=bool)
+    X_OG, found = grasps[index], q[:, None]
     for X_WO in path[-2::-1]:
-        q, reached = solve_inverse_kinematics(model, X_WO @ X_OG, q)
-        postures.append(q)
-        possible &= reached
-    found = np.array(postures[::-1])
-    steps = np.abs(np.diff(found, axis=0)).max(axis=(0, 2), initial=0.0)
-    steps[~possible] = np.inf
-    if not len(steps) or steps.min() > _LARGEST_STEP:
+        q, reached = solve_inverse_kinematics(model, X_WO @ X_OG, found[:, 0])
+        reached &= np.abs(q - found[:, 0]).max(axis=1, initial=0.0) <= _LARGEST_STEP
+        found, X_OG = np.concatenate([q[:, None], found], axis=1)[reached], X_OG[reached]
+    if not len(found):
         raise InvalidValueError(
             "No grasp of the mug's rim reaches the whole motion.", remedy="Use another seed."
         )
-    best = int(np.argmin(steps))
-    return found[:, best], X_OG[best]
+    best = int(np.argmin(np.abs(np.diff(found, axis=1)).max(axis=(1, 2))))
+    return found[best], X_OG[best]

@@ -32,6 +32,7 @@ HANG, SLIP, STILL = "hang", "slip", "still"
 """The kinds of sequences."""
 
 _STILL_TIME = 5.0  # [s]
+_FEWEST_POINTS = 30  # of the part, in voxels of 2 mm
 _OTHER_SEEDS = 1000  # between the seeds that are tried for one sequence
 
 _CLUTTER = (("book", 0.17, 0.10), ("cube", 0.02, -0.14), ("cube", -0.13, -0.05))
@@ -113,23 +114,23 @@ def _render(scenario: Scenario, kind: str, seed: int, max_frames: int | None) ->
     model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
     plant_context = station.GetSubsystemContext(station.plant(), context)
     X_WO = station.object_body().EvalPoseInWorld(plant_context).GetAsMatrix4()
-    if kind == STILL:
-        motion = still_motion(scenario, X_WO=X_WO, model=model, home=home, duration=_STILL_TIME)
-    else:
-        motion = hanging_motion(scenario, X_WO=X_WO, model=model, home=home)
-    if kind == SLIP:
-        motion = with_slip(motion, slip_time(motion), np.random.default_rng(seed))
-    total = len(motion.times)
-    kept = np.unique(np.linspace(0, total - 1, min(total, max_frames or total)).astype(int))
-    motion = _selected(motion, kept)
+    where = {"X_WO": X_WO, "model": model, "home": home}
+    motion = still_motion(scenario, **where, duration=_STILL_TIME)
     renderer = IncrementalRenderer(station, station.scene_graph(), station.camera_names)
     first = _capture(station, context, renderer, motion, 0)
     found = LabelImageDetector().detect(
         first, object_label=scenario.poil.object, part_label=scenario.poil.part
     )
     cloud = fuse_views(first, found.part_masks, scenario.poil.fusion).points
-    if len(cloud) < scenario.poil.num_points:
+    if len(cloud) < _FEWEST_POINTS:
         raise DetectionError("The part is hardly seen.", remedy="Use another seed.")
+    if kind != STILL:
+        motion = hanging_motion(scenario, **where)
+    if kind == SLIP:
+        motion = with_slip(motion, slip_time(motion), np.random.default_rng(seed))
+    total = len(motion.times)
+    kept = np.unique(np.linspace(0, total - 1, min(total, max_frames or total)).astype(int))
+    motion = _selected(motion, kept)
     rest = (_capture(station, context, renderer, motion, k) for k in range(1, len(kept)))
     return TrackingSequence(
         (first, *rest),
@@ -149,6 +150,7 @@ def _selected(motion: CarriedMotion, kept: np.ndarray) -> CarriedMotion:
         hand_poses=motion.hand_poses[kept],
         object_poses=motion.object_poses[kept],
         held=motion.held[kept],
+        priors=motion.priors[kept],
         carried=motion.carried,
     )
 

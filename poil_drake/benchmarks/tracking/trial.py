@@ -133,9 +133,16 @@ def follow(
         rows.append((motion.times[index], errors, lost, visible, wall))
         if index in shown:
             tiles.append(_tile(frame, points, lost=lost))
-    columns = (np.array(column) for column in zip(*rows, strict=True))
-    disturbance = None if case.duration is None else (start, start + case.duration)
-    return Track(*columns, disturbance=disturbance), tuple(tiles)
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    track = Track(
+        times=columns[0],
+        errors=columns[1],
+        lost=columns[2],
+        visible=columns[3],
+        wall=columns[4],
+        disturbance=None if case.duration is None else (start, start + case.duration),
+    )
+    return track, tuple(tiles)
 
 
 def _pixels(frame: MultiViewFrame, name: str) -> np.ndarray:
