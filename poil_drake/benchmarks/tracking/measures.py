@@ -15,6 +15,9 @@ HIDDEN, VISIBLE = 0.02, 0.25
 """Share of the object's first pixels, in the best view, below which the object is hidden, and from
 which on a tracker has no reason to lose it."""
 
+DOUBTED = 0.25
+"""Confidence of the best point below which a tracker that still reports points says that it guesses."""
+
 RECOVERY_LIMIT = 1.0
 """Time after a disturbance within which an object should be found again [s]."""
 
@@ -30,6 +33,7 @@ class Track:
         times: (T,) [s].
         errors: (T, N) distance of each reported point from the true one [m]; NaN: not reported.
         lost: (T,) bool, whether the tracker said that it has lost the object.
+        confidence: (T,) largest confidence of a point; 0 where the object is lost.
         visible: (T,) share of the object's first pixels in the view that shows most of it.
         wall: (T,) time that each frame took [s].
         disturbance: When a disturbance begins and ends [s]; None if there is none that ends.
@@ -38,6 +42,7 @@ class Track:
     times: np.ndarray
     errors: np.ndarray
     lost: np.ndarray
+    confidence: np.ndarray
     visible: np.ndarray
     wall: np.ndarray
     disturbance: tuple[float, float] | None = None
@@ -54,15 +59,16 @@ class Track:
 def notice_times(track: Track) -> tuple[list[float], list[float]]:
     """Returns how long it took to notice that the object was hidden, and that a track was wrong.
 
-    An object is hidden while no view shows it; noticed when the tracker says that it is lost. A
-    track is wrong while its mean error exceeds `WRONG`; that ends when the tracker says so, or the
+    An object is hidden while no view shows it; noticed when the tracker says that it is lost, or
+    has less confidence than `DOUBTED` in every point. A track is wrong while its mean error exceeds `WRONG`; that ends when the tracker says so, or the
     track is right again. What ends before it is noticed, within `NOTICE_LIMIT`, is no loss; what is
     not noticed until it ends takes infinitely long.
     """
     wrong = np.nan_to_num(track.mean_errors) > WRONG
     hidden_times = []
     for first, last in _runs(track.visible < HIDDEN):
-        noticed = np.flatnonzero(track.lost[first : last + 1])
+        doubted = track.lost | (track.confidence < DOUBTED)
+        noticed = np.flatnonzero(doubted[first : last + 1])
         length = track.times[last] - track.times[first]
         if noticed.size:
             hidden_times.append(float(track.times[first + noticed[0]] - track.times[first]))

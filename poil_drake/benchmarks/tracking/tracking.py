@@ -124,6 +124,7 @@ def _write(table: dict[Row, Figures], found: Sequence[TrackedTrial], path: Path)
                 "times": track.times,
                 "mean_errors": track.mean_errors,
                 "lost": track.lost,
+                "confidence": track.confidence,
                 "visible": track.visible,
                 "recovery": recovery_time(track),
                 "false_alarms": false_alarms(track)[0],

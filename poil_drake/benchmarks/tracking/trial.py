@@ -130,7 +130,8 @@ def follow(
         last = frame.stamp
         errors = np.linalg.norm(points.positions - sequence.true_points(index), axis=1)
         errors[(points.confidence <= 0.0) | lost] = np.nan
-        rows.append((motion.times[index], errors, lost, visible, wall))
+        confidence = 0.0 if lost else points.confidence.max()
+        rows.append((motion.times[index], errors, lost, confidence, visible, wall))
         if index in shown:
             tiles.append(_tile(frame, points, lost=lost))
     columns = [np.array(column) for column in zip(*rows, strict=True)]
@@ -138,8 +139,9 @@ def follow(
         times=columns[0],
         errors=columns[1],
         lost=columns[2],
-        visible=columns[3],
-        wall=columns[4],
+        confidence=columns[3],
+        visible=columns[4],
+        wall=columns[5],
         disturbance=None if case.duration is None else (start, start + case.duration),
     )
     return track, tuple(tiles)

@@ -18,6 +18,7 @@ def make_track(
     errors: list[float],
     *,
     lost: list[int] | None = None,
+    confidence: list[float] | None = None,
     visible: list[float] | None = None,
     disturbance: tuple[float, float] | None = None,
 ) -> Track:
@@ -27,6 +28,7 @@ def make_track(
         times=np.arange(count) / 8,
         errors=np.array(errors)[:, None] / 1e3,
         lost=np.isin(np.arange(count), lost or []),
+        confidence=np.array(confidence if confidence is not None else [1.0] * count),
         visible=np.array(visible if visible is not None else [1.0] * count),
         wall=np.full(count, 0.05),
         disturbance=disturbance,
@@ -58,6 +60,12 @@ def test_a_hidden_object_is_noticed_when_the_tracker_says_so() -> None:
     dut = make_track([1, 1, 1, NAN, 1], lost=[3], visible=[1, 0, 0, 0, 1])
 
     assert notice_times(dut) == ([pytest.approx(0.25)], [])
+
+
+def test_a_hidden_object_is_noticed_when_the_tracker_doubts_every_point() -> None:
+    dut = make_track([1, 1, 1, 1], confidence=[1, 0.3, 0.2, 1], visible=[1, 0, 0, 1])
+
+    assert notice_times(dut) == ([pytest.approx(0.125)], [])
 
 
 def test_a_hidden_object_need_not_be_noticed_at_once() -> None:
