@@ -16,7 +16,7 @@ HIDDEN, VISIBLE = 0.02, 0.25
 which on a tracker has no reason to lose it."""
 
 DOUBTED = 0.25
-"""Confidence of the best point below which a tracker that still reports points says that it guesses."""
+"""Confidence of the best point below which a tracker says that the points it reports are a guess."""
 
 RECOVERY_LIMIT = 1.0
 """Time after a disturbance within which an object should be found again [s]."""
@@ -60,9 +60,10 @@ def notice_times(track: Track) -> tuple[list[float], list[float]]:
     """Returns how long it took to notice that the object was hidden, and that a track was wrong.
 
     An object is hidden while no view shows it; noticed when the tracker says that it is lost, or
-    has less confidence than `DOUBTED` in every point. A track is wrong while its mean error exceeds `WRONG`; that ends when the tracker says so, or the
-    track is right again. What ends before it is noticed, within `NOTICE_LIMIT`, is no loss; what is
-    not noticed until it ends takes infinitely long.
+    has less confidence than `DOUBTED` in every point. A track is wrong while its mean error exceeds
+    `WRONG`; that ends when the tracker says that the object is lost, or the track is right again.
+    What ends before it is noticed, within `NOTICE_LIMIT`, is no loss; what is not noticed until it
+    ends takes infinitely long.
     """
     wrong = np.nan_to_num(track.mean_errors) > WRONG
     hidden_times = []
