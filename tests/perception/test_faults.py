@@ -180,7 +180,7 @@ def test_an_untextured_object_loses_its_pattern_and_nothing_else_does() -> None:
 
 
 def test_a_highlight_is_where_the_surface_mirrors_the_lamp() -> None:
-    dut = inject_flat(GlossyObject())
+    dut = inject_flat(GlossyObject(lamp=(0.3, -0.2, 1.0), shininess=15.0))
 
     # The plane faces the camera, which looks down; the lamp is towards (0.3, -0.2, 1) in the
     # world, so towards (0.3, 0.2, -1) in the camera's frame. The ray along (0.3, 0.2, 1) is

@@ -16,7 +16,7 @@ HIDDEN, VISIBLE = 0.02, 0.25
 which on a tracker has no reason to lose it."""
 
 DOUBTED = 0.25
-"""Confidence of the best point below which a tracker says that the points it reports are a guess."""
+"""Confidence of the best point below which the points that a tracker reports are a guess."""
 
 RECOVERY_LIMIT = 1.0
 """Time after a disturbance within which an object should be found again [s]."""

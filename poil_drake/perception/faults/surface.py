@@ -12,7 +12,6 @@ from poil_drake.perception.images import RgbdImage
 
 _SMOOTHING = 10.0  # [px] wider than a texture, narrower than the shading of a cup
 _NORMAL_SMOOTHING = 3.0  # [px] wider than the depth noise
-_LIGHT = np.array([0.3, -0.2, 1.0])  # Direction to the lamp in the world.
 _HIGHLIGHT_DEPTH_LOSS = 0.5  # Depth is lost where a highlight is at least this bright.
 
 
@@ -38,10 +37,13 @@ class GlossyObject(ObjectFault):
     """The object reflects a lamp: a white highlight (Blinn-Phong), under which depth is lost.
 
     Attributes:
+        lamp: Direction to the lamp in the world. The default is a window, whose light upright walls
+            reflect; a lamp on the ceiling shows on what faces upwards.
         shininess: Exponent of the highlight; the larger, the smaller the highlight.
     """
 
-    shininess: float = 15.0
+    lamp: tuple[float, float, float] = (0.8, 0.0, 0.2)
+    shininess: float = 10.0
 
     def apply(self, capture: Capture) -> RgbdImage:
         """Returns the image with a highlight on the object."""
@@ -51,7 +53,7 @@ class GlossyObject(ObjectFault):
         points = _unprojected(depth, capture.camera.K)
         normals = _unit(np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1)))
         to_camera = _unit(-points)
-        half = _unit(to_camera + _unit(capture.camera.X_WC[:3, :3].T @ _LIGHT))
+        half = _unit(to_camera + _unit(capture.camera.X_WC[:3, :3].T @ np.array(self.lamp)))
         # The normal that points to the camera, whatever the order of the gradients.
         cosine = np.abs(np.sum(normals * half, axis=-1)) * mask
         highlight = cosine**self.shininess
