@@ -227,3 +227,20 @@ def test_an_unknown_camera_is_refused() -> None:
 def test_a_meaningless_value_is_refused(fault: type) -> None:
     with pytest.raises(InvalidValueError):
         fault()
+
+
+@pytest.mark.parametrize("fault", [UntexturedObject(), GlossyObject(), TransparentObject()])
+@pytest.mark.parametrize("pixels", [0, 1])
+def test_an_object_of_hardly_any_pixels_is_no_problem(fault: Fault, pixels: int) -> None:
+    frame = flat(label=9)
+    image = frame.images[0]
+    label = np.full((HEIGHT, WIDTH), 9, np.int16)
+    label[-1, WIDTH - pixels :] = 3
+    tiny = MultiViewFrame(
+        frame.cameras, (RgbdImage(image.rgb, image.depth, 0.0, label),), frame.label_ids
+    )
+
+    dut = FaultInjector([fault], object_label="mug").apply(tiny).images[0]
+
+    assert np.array_equal(dut.rgb[:-1], image.rgb[:-1])
+    assert np.array_equal(dut.depth[:-1], image.depth[:-1])

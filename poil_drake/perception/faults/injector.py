@@ -91,8 +91,8 @@ class FaultInjector:
     def _seen(self, frame: MultiViewFrame, view: int) -> RgbdImage:
         """Returns the image of a view with the faults of what it shows."""
         camera, image, mask = frame.cameras[view], frame.images[view], None
-        if image.label is not None and self._object_label in frame.label_ids:
-            mask = np.isin(image.label, frame.label_ids[self._object_label])
+        if image.label is not None and self.needs_labels(image.stamp):
+            mask = np.isin(image.label, frame.label_ids.get(self._object_label, ()))
         microseconds = max(0, round(image.stamp * 1e6))
         for number, fault in enumerate(self._faults):
             if isinstance(fault, SeenFault) and _acts(fault, camera.name, image.stamp):

@@ -8,7 +8,7 @@ import numpy as np
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.faults.fault import CameraFault, Capture
 from poil_drake.perception.faults.scene import random_patches
-from poil_drake.perception.images import RgbdImage
+from poil_drake.perception.images import CameraModel, RgbdImage
 
 _SMOOTHING = 10.0  # [px] wider than a texture, narrower than the shading of a cup
 _NORMAL_SMOOTHING = 3.0  # [px] wider than the depth noise
@@ -26,10 +26,11 @@ class UntexturedObject(ObjectFault):
 
     def apply(self, capture: Capture) -> RgbdImage:
         """Returns the image with the object's colours blurred within its outline."""
-        mask = _object_mask(capture)
-        plain = _blurred(capture.image.rgb.astype(np.float32), mask, _SMOOTHING)
-        rgb = np.where(mask[..., None], np.rint(plain), capture.image.rgb)
-        return capture.changed(rgb=rgb.astype(np.uint8))
+        window, mask = _object_window(capture)
+        rgb = capture.image.rgb.copy()
+        plain = _blurred(rgb[window].astype(np.float32), mask, _SMOOTHING)
+        rgb[window][mask] = np.rint(plain)[mask]
+        return capture.changed(rgb=rgb)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,21 +48,19 @@ class GlossyObject(ObjectFault):
 
     def apply(self, capture: Capture) -> RgbdImage:
         """Returns the image with a highlight on the object."""
-        image, mask = capture.image, _object_mask(capture)
-        valid = mask & (image.depth > 0.0)
-        depth = _blurred(image.depth[..., None], valid, _NORMAL_SMOOTHING)[..., 0]
-        points = _unprojected(depth, capture.camera.K)
+        window, mask = _object_window(capture)
+        rgb, depth = capture.image.rgb.copy(), capture.image.depth.copy()
+        valid = mask & (depth[window] > 0.0)
+        smooth = _blurred(depth[window][..., None], valid, _NORMAL_SMOOTHING)
+        points = smooth * _rays(capture.camera)[window]
         normals = _unit(np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1)))
-        to_camera = _unit(-points)
-        half = _unit(to_camera + _unit(capture.camera.X_WC[:3, :3].T @ np.array(self.lamp)))
+        lamp = _unit(capture.camera.X_WC[:3, :3].T @ np.array(self.lamp))
+        half = _unit(_unit(-points) + lamp)
         # The normal that points to the camera, whatever the order of the gradients.
-        cosine = np.abs(np.sum(normals * half, axis=-1)) * mask
-        highlight = cosine**self.shininess
-        rgb = image.rgb + highlight[..., None] * (255.0 - image.rgb)
-        lost = highlight >= _HIGHLIGHT_DEPTH_LOSS
-        return capture.changed(
-            rgb=np.rint(rgb).astype(np.uint8), depth=np.where(lost, np.float32(0.0), image.depth)
-        )
+        highlight = mask * np.abs(np.sum(normals * half, axis=-1)) ** self.shininess
+        rgb[window] = np.rint(rgb[window] + highlight[..., None] * (255.0 - rgb[window]))
+        depth[window][highlight >= _HIGHLIGHT_DEPTH_LOSS] = 0.0
+        return capture.changed(rgb=rgb, depth=depth)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,20 +82,33 @@ class TransparentObject(ObjectFault):
 
     def apply(self, capture: Capture) -> RgbdImage:
         """Returns the image with holes in the object's depth."""
-        depth = capture.image.depth
-        lost = random_patches(depth.shape, self.share, self.radius, capture.rng)
-        lost &= _object_mask(capture)
-        return capture.changed(depth=np.where(lost, np.float32(0.0), depth))
+        window, mask = _object_window(capture)
+        depth = capture.image.depth.copy()
+        lost = random_patches(mask.shape, self.share, self.radius, capture.rng)
+        depth[window][mask & lost] = 0.0
+        return capture.changed(depth=depth)
 
 
-def _object_mask(capture: Capture) -> np.ndarray:
-    if capture.object_mask is None:
+def _object_window(capture: Capture) -> tuple[tuple[slice, slice], np.ndarray]:
+    """Returns the rows and columns around the object, and the object's mask (h, w) there.
+
+    Where the object is not seen, they are one corner of the image.
+
+    Raises:
+        InvalidValueError: if it is unknown where the object is.
+    """
+    mask = capture.object_mask
+    if mask is None:
         raise InvalidValueError(
             f"The images of camera '{capture.camera.name}' do not tell which pixels show the "
             "object, so its surface cannot be changed.",
             remedy="Use a simulator's images with labels, or leave out faults of the object.",
         )
-    return capture.object_mask
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    # Two pixels at least, between which there is a gradient.
+    y, x = min(y, mask.shape[0] - 2), min(x, mask.shape[1] - 2)
+    window = slice(y, y + max(height, 2)), slice(x, x + max(width, 2))
+    return window, mask[window]
 
 
 def _blurred(values: np.ndarray, mask: np.ndarray, sigma: float) -> np.ndarray:
@@ -106,11 +118,11 @@ def _blurred(values: np.ndarray, mask: np.ndarray, sigma: float) -> np.ndarray:
     return total / np.maximum(cv2.GaussianBlur(weights, (0, 0), sigma), 1e-3)[..., None]
 
 
-def _unprojected(depth: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Returns the points (H, W, 3) of a depth image (H, W) in the optical frame [m]."""
-    v, u = np.indices(depth.shape)
-    rays = [(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(depth.shape)]
-    return np.stack(rays, axis=-1) * depth[..., None]
+def _rays(camera: CameraModel) -> np.ndarray:
+    """Returns the points (H, W, 3) that the pixels show at a depth of 1, in the optical frame."""
+    v, u = np.indices((camera.height, camera.width))
+    K = camera.K
+    return np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones(u.shape)], axis=-1)
 
 
 def _unit(vectors: np.ndarray) -> np.ndarray:
