@@ -41,6 +41,10 @@ class DetectionError(PoilError):
     """An object or part could not be found in the images."""
 
 
+class LabelError(PoilError):
+    """A file of labels made by hand is missing, damaged, or belongs to other images."""
+
+
 class TransferError(PoilError):
     """The demonstrated motion could not be transferred to the target object."""
 

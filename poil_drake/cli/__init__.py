@@ -16,6 +16,7 @@ from poil_drake.cli import options, skill
 from poil_drake.cli.bench import bench_app
 from poil_drake.cli.calibrate import calibrate_app
 from poil_drake.cli.demo import demo_app
+from poil_drake.cli.label import label
 from poil_drake.errors import PoilError
 from poil_drake.runtime.held_signals import ENDING
 
@@ -23,6 +24,7 @@ _VERBS = (
     "doctor",
     "run",
     "demo",
+    "label",
     "transfer",
     "execute",
     "replay",
@@ -49,7 +51,7 @@ app = typer.Typer(
 app.add_typer(demo_app, name="demo")
 app.add_typer(calibrate_app, name="calibrate")
 app.add_typer(bench_app, name="bench")
-for verb in (skill.run, skill.transfer, skill.execute, skill.replay, skill.driver):
+for verb in (label, skill.run, skill.transfer, skill.execute, skill.replay, skill.driver):
     app.command()(verb)
 
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from poil_drake.cli.options import Seed, Tracker, names
+from poil_drake.cli.options import ScenarioText, Seed, Tracker, names
 from poil_drake.runtime.output_files import require_writable
 
 bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
@@ -71,6 +71,7 @@ def bench_tracking(
         typer.Option(help="Whether trackers get the hand's motion. Default: with and without."),
     ] = None,
     trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 20,
+    scenario_text: ScenarioText = None,
     jobs: Jobs = 1,
     ray: Ray = None,
     json: Json = Path("out/bench_tracking.json"),
@@ -92,7 +93,27 @@ def bench_tracking(
         jobs=jobs,
         json_path=json,
         pictures=folder,
+        data=scenario_text,
         ray_address=ray,
+    )
+
+
+@bench_app.command("detection")
+def bench_detection(
+    scenes: Annotated[int, typer.Option("--scenes", min=1, help="Number of scenes.")] = 100,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the first scene.")] = 0,
+    hidden: Annotated[
+        bool, typer.Option("--hidden", help="Hide the handle from all views: refusals are due.")
+    ] = False,
+    jobs: Jobs = 1,
+    json: Json = Path("out/bench_detection.json"),
+) -> None:
+    """Find a mug and its handle in random scenes, with each detector."""
+    from poil_drake.benchmarks.detection.study import run_detection_benchmark
+
+    require_writable(json)
+    run_detection_benchmark(
+        scenes=scenes, first_seed=seed, hidden=hidden, jobs=jobs, json_path=json
     )
 
 

@@ -52,7 +52,10 @@ Seed = Annotated[
 ]
 Tracker = Annotated[
     str | None,
-    typer.Option("--tracker", help="rigid_flow (default), or the baseline ground_truth."),
+    typer.Option(
+        "--tracker",
+        help="rigid_flow (default), lucas_kanade, mvtracker, cotracker3, or ground_truth.",
+    ),
 ]
 Detector = Annotated[
     str | None, typer.Option("--detector", help="demonstration (default), by_name or label_image.")

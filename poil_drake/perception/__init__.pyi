@@ -4,6 +4,8 @@ from .calibration.camera_poses import calibrate_cameras as calibrate_cameras
 from .calibration.depth_check import DepthCheck as DepthCheck
 from .calibration.depth_check import check_depth as check_depth
 from .calibration.first_guess import BoardView as BoardView
+from .detectors.by_hand.detector import HandLabelDetector as HandLabelDetector
+from .detectors.by_hand.hand_labels import HandLabels as HandLabels
 from .detectors.by_name.config import GroundingDino as GroundingDino
 from .detectors.by_name.config import NamedDetectorConfig as NamedDetectorConfig
 from .detectors.by_name.config import OpenAiServer as OpenAiServer

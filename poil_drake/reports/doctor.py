@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from poil_drake.errors import PoilError
 from poil_drake.reports.finding import Finding
-from poil_drake.reports.model_doctor import model_findings
+from poil_drake.reports.model_doctor import model_findings, tracker_findings
 
 
 def Examine() -> list[Finding]:
@@ -27,7 +27,7 @@ def Examine() -> list[Finding]:
         ("lcm", _lcm, f"Only for hardware: sudo sh -c '{multicast}'"),
     ]
     findings = [_finding(name, check, remedy) for name, check, remedy in checks]
-    return [*findings, *model_findings()]
+    return [*findings, *model_findings(), *tracker_findings()]
 
 
 def _apt(*packages: str) -> str:

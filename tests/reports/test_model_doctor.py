@@ -5,7 +5,7 @@ import pytest
 
 from poil_drake.perception.learned_models.learned_model import LearnedModel
 from poil_drake.reports.finding import Finding
-from poil_drake.reports.model_doctor import model_findings
+from poil_drake.reports.model_doctor import model_findings, tracker_findings
 
 
 def findings() -> dict[str, Finding]:
@@ -41,3 +41,12 @@ def test_without_transformers_the_command_installs_it(monkeypatch: pytest.Monkey
 
     assert finding.ok
     assert "pip install 'poil_drake[vision]'" in finding.found
+
+
+def test_learned_trackers_come_with_the_commands_that_install_them() -> None:
+    found = {finding.name: finding for finding in tracker_findings()}
+
+    assert list(found) == ["MVTracker", "CoTracker3"]
+    assert found["MVTracker"].ok  # They are optional.
+    assert "git clone https://github.com/ethz-vlg/mvtracker " in found["MVTracker"].found
+    assert "scaled_online.pth" in found["CoTracker3"].found

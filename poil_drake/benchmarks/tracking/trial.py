@@ -2,20 +2,22 @@
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from poil_drake.benchmarks.tracking.cases import CASES, TrackingCase
 from poil_drake.benchmarks.tracking.measures import Track
 from poil_drake.benchmarks.tracking.sequence import MakeSequence, TrackingSequence, slip_time
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
+from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.errors import MissingDependencyError, TrackingError
 from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.faults.injector import FaultInjector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import Tracker
-from poil_drake.perception.trackers.registry import make_tracker
 
 NO_WEIGHTS = "weights not present"
 
@@ -52,29 +54,23 @@ def run_trial(
     seed: int,
 ) -> list[TrackedTrial]:
     """Runs every tracker, with and without a prior, in every case on the sequences of a seed."""
+    poil = ChooseScenario(data=data).poil
     results = []
     for kind in dict.fromkeys(CASES[name].sequence for name in cases):
         sequence = MakeSequence(kind, seed, max_frames=max_frames, data=data)
         for name in (name for name in cases if CASES[name].sequence == kind):
-            for tracker in trackers:
+            for tracker, prior in product(trackers, priors):
+                one = TrackedTrial(seed, name, tracker, prior)
                 try:
-                    made = make_tracker(tracker)
+                    made = MakeScenarioTracker(replace(poil, tracker=tracker))
+                    track, tiles = follow(made, sequence, CASES[name], prior=prior, seed=seed)
                 except MissingDependencyError as error:
-                    results += [
-                        TrackedTrial(seed, name, tracker, prior, problem=_problem(error))
-                        for prior in priors
-                    ]
-                    continue
-                for prior in priors:
-                    try:
-                        track, tiles = follow(made, sequence, CASES[name], prior=prior, seed=seed)
-                    except TrackingError as error:
-                        problem = error.problem
-                        results.append(TrackedTrial(seed, name, tracker, prior, problem=problem))
-                    else:
-                        tiles = tiles if seed == 0 else ()
-                        results.append(TrackedTrial(seed, name, tracker, prior, track, "", tiles))
-        del sequence
+                    one = replace(one, problem=f"{NO_WEIGHTS} ({error.problem})")
+                except TrackingError as error:
+                    one = replace(one, problem=error.problem)
+                else:
+                    one = replace(one, track=track, tiles=tiles if seed == 0 else ())
+                results.append(one)
     return results
 
 
@@ -168,7 +164,3 @@ def _tile(frame: MultiViewFrame, points: TrackedPoints, *, lost: bool) -> np.nda
             cv2.putText(picture, "lost", (20, 60), cv2.FONT_HERSHEY_SIMPLEX, 2.0, (255, 0, 0), 4)
         views.append(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
     return np.concatenate(views)
-
-
-def _problem(error: MissingDependencyError) -> str:
-    return NO_WEIGHTS if "weight" in error.problem.lower() else error.problem

@@ -3,9 +3,8 @@
 from pathlib import Path
 
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
+from poil_drake.diagrams.station.station import CaptureScene
 from poil_drake.perception.calibration.depth_check import check_depth
-from poil_drake.perception.images import MultiViewFrame
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.reports.camera_doctor import camera_findings
 from poil_drake.reports.finding import Finding
@@ -28,15 +27,5 @@ def ExamineCameras(
     if recording is not None:
         frame = load_demonstration(recording).frames[0]
     else:
-        frame = _capture(scenario, hardware)
+        frame = CaptureScene(scenario, hardware=hardware)
     return camera_findings(check_depth(frame, scenario.poil.table_height))
-
-
-def _capture(scenario: Scenario, hardware: bool) -> MultiViewFrame:
-    station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
-    try:
-        # No `with` block, which would wait for the robot.
-        station.Start()
-        return CaptureFrame(station, station.CreateDefaultContext())
-    finally:
-        station.Close()

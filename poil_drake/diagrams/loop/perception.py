@@ -1,5 +1,7 @@
 """Adds the perception of the closed loop: the part detector and the point tracker."""
 
+from dataclasses import replace
+
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from scipy.spatial import cKDTree
@@ -15,10 +17,10 @@ from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetec
 from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
 from poil_drake.perception.detectors.protocol import Detector
 from poil_drake.perception.detectors.registry import DEMONSTRATION, LABEL_IMAGE, make_detector
+from poil_drake.perception.trackers.learned.config import MvTrackerConfig
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.perception.trackers.registry import TRACKERS, make_tracker
-from poil_drake.perception.trackers.rigid_flow.config import RigidFlowConfig
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.detection.part_detector import PartDetector
@@ -113,6 +115,7 @@ def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
 
     Raises:
         InvalidValueError: if `poil.tracker` is not a known name.
+        MissingDependencyError: if the tracker needs weights or an environment that are missing.
     """
     name = _DEFAULT_TRACKER if poil.tracker == GROUND_TRUTH else poil.tracker
     if name not in TRACKERS:
@@ -120,6 +123,8 @@ def MakeScenarioTracker(poil: PoilConfig) -> Tracker:
             f"There is no point tracker '{name}'.",
             remedy=f"Choose one of: {', '.join([*TRACKERS, GROUND_TRUTH])}.",
         )
-    if TRACKERS[name][1] is RigidFlowConfig:
-        return make_tracker(name, RigidFlowConfig(support_points=poil.num_support_points))
-    return make_tracker(name)
+    config = getattr(poil.tracker_config, name)
+    config = replace(config, support_points=poil.num_support_points)
+    if isinstance(config, MvTrackerConfig):
+        config = replace(config, table_height=poil.table_height)
+    return make_tracker(name, config)

@@ -37,6 +37,9 @@ _FILES = (
     "poil.demonstration",
     "poil.calibration",
     "poil.packages.*",
+    "poil.tracker_config.*.python",
+    "poil.tracker_config.*.repository",
+    "poil.tracker_config.*.weights",
     "poil.hardware.cameras.*.file",
 )
 

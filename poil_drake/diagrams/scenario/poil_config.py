@@ -18,6 +18,7 @@ from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.detectors.by_name.config import NamedDetectorConfig
 from poil_drake.perception.faults.injector import Fault
 from poil_drake.perception.fusion import FusionConfig
+from poil_drake.perception.trackers.registry import TrackerConfigs
 from poil_drake.robots.collision import CollisionConfig
 from poil_drake.systems.control_period import CONTROL_PERIOD
 from poil_drake.systems.disturbance_injector import Pulse
@@ -176,7 +177,9 @@ class PoilConfig:
             demonstration shows; "by_name" asks a learned model for the words that name them;
             "label_image" reads a simulator's label images.
         detector_config: Models and words of the detector "by_name".
-        tracker: Name of the point tracker.
+        tracker: Name of the point tracker: rigid_flow, lucas_kanade, mvtracker, cotracker3, or
+            ground_truth.
+        tracker_config: Tracker's name -> its parameters.
         fusion: How the cameras' images become the part's cloud. The clouds of the whole object and
             of the obstacles have voxels twice as large.
         grasp: How grasps are sampled.
@@ -219,6 +222,7 @@ class PoilConfig:
     detector: str = "demonstration"
     detector_config: NamedDetectorConfig = field(default_factory=NamedDetectorConfig)
     tracker: str = "rigid_flow"
+    tracker_config: TrackerConfigs = field(default_factory=TrackerConfigs)
     fusion: FusionConfig = field(default_factory=FusionConfig)
     grasp: GraspSamplingConfig = field(default_factory=GraspSamplingConfig)
     clearance: CollisionConfig = field(default_factory=CollisionConfig)

@@ -166,3 +166,22 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
         images=images,
         label_ids=dict(station.label_ids) if labelled else {},
     )
+
+
+def CaptureScene(scenario: Scenario, *, hardware: bool = False) -> MultiViewFrame:
+    """Returns a frame of a scenario's cameras. The real robot is not needed for it.
+
+    Args:
+        scenario: The cameras, and what they see in a simulation.
+        hardware: Whether to use the real cameras instead of rendered images.
+
+    Raises:
+        PoilError: if there are no cameras, or no images.
+    """
+    station = MakeStation(scenario, hardware=hardware, dry_run=True, ignore_output_delay=True)
+    try:
+        # No `with` block, which would wait for the robot.
+        station.Start()
+        return CaptureFrame(station, station.CreateDefaultContext())
+    finally:
+        station.Close()

@@ -4,10 +4,10 @@ The names of the classes are tags in YAML, e.g. `!RealSense {serial: "9135220701
 value, such as a file, is empty by default; the constructor of the device rejects an empty one.
 """
 
-import math
 from dataclasses import dataclass
 
 from poil_drake.errors import InvalidValueError
+from poil_drake.perception.positive_fields import check_positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +44,8 @@ class RealSense:
     settle: float = 1.0
 
     def __post_init__(self) -> None:
-        _check_positive(self, "fps", "silence")
-        _check_positive(self, "depth_width", "depth_height", "latency", "settle", or_zero=True)
+        check_positive(self, "fps", "silence")
+        check_positive(self, "depth_width", "depth_height", "latency", "settle", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,8 +81,8 @@ class Zed:
     settle: float = 1.0
 
     def __post_init__(self) -> None:
-        _check_positive(self, "fps", "silence")
-        _check_positive(self, "serial", "latency", "settle", or_zero=True)
+        check_positive(self, "fps", "silence")
+        check_positive(self, "serial", "latency", "settle", or_zero=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,8 +124,8 @@ class OpenCvStreams:
     settle: float = 1.0
 
     def __post_init__(self) -> None:
-        _check_positive(self, "depth_scale", "fps", "largest_gap", "silence")
-        _check_positive(self, "latency", "settle", or_zero=True)
+        check_positive(self, "depth_scale", "fps", "largest_gap", "silence")
+        check_positive(self, "latency", "settle", or_zero=True)
         for name in ("rgb_fourcc", "depth_fourcc"):
             code = getattr(self, name)
             if code and not (len(code) == 4 and code.isascii()):
@@ -166,15 +166,5 @@ class McapPlayback:
     labels: bool = True
 
     def __post_init__(self) -> None:
-        _check_positive(self, "rate")
-        _check_positive(self, "lead_in", or_zero=True)
-
-
-def _check_positive(config: object, *names: str, or_zero: bool = False) -> None:
-    for name in names:
-        value = getattr(config, name)
-        if not (0 < value < math.inf or (or_zero and value == 0)):
-            raise InvalidValueError(
-                f"{type(config).__name__}.{name} is {value}.",
-                remedy=f"Set a positive, finite number{' or 0' if or_zero else ''}.",
-            )
+        check_positive(self, "rate")
+        check_positive(self, "lead_in", or_zero=True)

@@ -11,6 +11,7 @@ from poil_drake.benchmarks.tracking.carried_motion import with_slip
 from poil_drake.benchmarks.tracking.cases import CASES
 from poil_drake.benchmarks.tracking.sequence import HANG, MakeSequence, TrackingSequence, slip_time
 from poil_drake.benchmarks.tracking.tracking import run_tracking_benchmark
+from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import InvalidValueError, MissingDependencyError, TrackingError
 from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.images import MultiViewFrame
@@ -134,15 +135,15 @@ def test_the_results_are_written_and_missing_weights_are_a_row(
 ) -> None:
     from poil_drake.benchmarks.tracking import tracking
 
-    def make(name: str) -> Follower:
-        if name == "rigid_flow":
+    def make(poil: PoilConfig) -> Follower:
+        if poil.tracker == "rigid_flow":
             raise MissingDependencyError("The weights are missing.", remedy="Get them.")
         return Follower()
 
     def here(function: object, arguments: list, shared: tuple, **_: object) -> object:
         return ((k, trial.run_trial(*shared, *one)) for k, one in enumerate(arguments))
 
-    monkeypatch.setattr(trial, "make_tracker", make)
+    monkeypatch.setattr(trial, "MakeScenarioTracker", make)
     monkeypatch.setattr(trial, "MakeSequence", lambda kind, seed, **_: sequence)
     monkeypatch.setattr(tracking, "run_trials", here)
     monkeypatch.setitem(tracking.TRACKERS, "follower", (Follower, object))
@@ -154,7 +155,9 @@ def test_the_results_are_written_and_missing_weights_are_a_row(
         json_path=tmp_path / "b.json",
     )
 
-    assert table["rigid_flow", True, "none"]["problem"] == trial.NO_WEIGHTS
+    assert table["rigid_flow", True, "none"]["problem"] == (
+        "weights not present (The weights are missing.)"
+    )
     assert float(table["follower", True, "none"]["error_p95"]) < 1e-9
     written = json.loads((tmp_path / "b.json").read_text())
     assert [row["tracker"] for row in written["summary"]] == ["rigid_flow", "follower"] * 2

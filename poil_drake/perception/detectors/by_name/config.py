@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from poil_drake.errors import InvalidValueError
 from poil_drake.perception.learned_models.learned_model import LearnedModel, Licence
+from poil_drake.perception.positive_fields import check_positive
 from poil_drake.perception.segmenters.config import GrabCut, Sam2
 
 
@@ -79,7 +80,7 @@ class OpenAiServer:
                 f"OpenAiServer.url is '{self.url}'.",
                 remedy="Set an address that starts with http:// or https://.",
             )
-        _check_positive(self, "timeout")
+        check_positive(self, "timeout")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,15 +104,7 @@ class NamedDetectorConfig:
     timeout: float = 120.0
 
     def __post_init__(self) -> None:
-        _check_positive(self, "timeout")
-
-
-def _check_positive(config: object, name: str) -> None:
-    value = getattr(config, name)
-    if not 0.0 < value < float("inf"):
-        raise InvalidValueError(
-            f"{type(config).__name__}.{name} is {value}.", remedy="Set a positive, finite number."
-        )
+        check_positive(self, "timeout")
 
 
 def _check_share(config: object, name: str) -> None:

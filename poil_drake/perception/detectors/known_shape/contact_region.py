@@ -5,7 +5,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components, dijkstra
 from scipy.spatial import cKDTree
 
-_DEEP = 0.005  # points up to this much farther than the nearest one touch [m]
+_DEEP = 0.008  # points up to this much farther than the nearest one touch [m]
 _REACH = 0.008  # between neighbours on the surface [m]
 _BAND = 0.006  # width of the rings in which the region grows [m]
 _WIDER = 1.5  # a ring this much wider than the narrowest one before it leaves the thin piece

@@ -22,7 +22,7 @@ _UNSEEN_WEIGHT = 0.25  # cost of a point where no view shows anything, relative 
 _LEVERAGE_SHARE = 0.6  # share of the points that are chosen by leverage; the rest is even
 
 _UPRIGHT_WEIGHT = 0.06  # cost of a shape upside down, because objects usually stand as they did
-_SIZE_WEIGHT, _ASPECT_WEIGHT = 0.1, 0.5  # of squared logarithmic scales: their mean, the rest
+_SIZE_WEIGHT, _ASPECT_WEIGHT = 0.2, 0.5  # of squared logarithmic scales: their mean, the rest
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,8 +1,10 @@
 """Parameters of the rigid-flow tracker."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
+
+from poil_drake.perception.positive_fields import check_positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,7 +17,7 @@ class RigidFlowConfig:
     Attributes:
         aligned_points: Number of surface points to align. The computing time is proportional to it.
         support_points: Number of points, spread over the object, that measure how much of the
-            object the views show (POIL uses 40).
+            object the views show (POIL uses 40); in a scenario, `poil.num_support_points`.
         free_angular_speed: Departure in rotation from an extrapolated velocity, which is the
             prediction without a motion prior [rad/s].
         free_linear_speed: Departure in translation from an extrapolated velocity [m/s].
@@ -24,8 +26,11 @@ class RigidFlowConfig:
     """
 
     aligned_points: int = 1200
-    support_points: int = 40
+    support_points: int = field(default=40, metadata={"yaml": False})
     free_angular_speed: float = float(np.radians(20.0))
     free_linear_speed: float = 0.04
     prior_angular_speed: float = float(np.radians(8.0))
     prior_linear_speed: float = 0.015
+
+    def __post_init__(self) -> None:
+        check_positive(self, *(field.name for field in fields(self)))

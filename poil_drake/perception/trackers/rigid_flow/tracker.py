@@ -146,6 +146,7 @@ class RigidFlowTracker:
             lost_since=None,
             candidate=None,
             unconfirmed=False,
+            steps=state.steps + 1,
         )
         # With a motion prior, a hand usually holds the object, and growth would add the hand.
         if motion_prior is None and evidence.may_learn:
@@ -178,6 +179,7 @@ def _lost(
         lost_since=frame.stamp if state.lost_since is None else state.lost_since,
         candidate=best.pose.X_WO if likely else None,
         unconfirmed=state.lost_since is not None and best.evidence.is_found,
+        steps=state.steps + 1,
     )
     points = TrackedPoints.lost(len(state.model.part_points), frame.stamp)
     return TrackerOutput(new_state, points, True)

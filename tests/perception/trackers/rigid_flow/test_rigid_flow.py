@@ -240,3 +240,22 @@ def test_start_reports_unusable_arguments(mug_scene, masks, scale, error, proble
 def test_a_motion_prior_must_be_a_transform(tracked, mug_scene):
     with pytest.raises(InvalidValueError, match="motion_prior"):
         tracked().step(mug_scene.start, np.zeros(6))
+
+
+def test_the_epoch_of_the_stamps_does_not_matter(mug_scene):
+    def track(epoch):
+        dut = RigidFlowTracker()
+        shot = mug_scene.shoot(mug_scene.start, time=epoch)
+        output = dut.start(shot.frame, mug_scene.handle_points, shot.masks)
+        # Too far for an alignment from the prediction, so poses are drawn at random.
+        jump = moved(mug_scene.start, [0.0, 0.0, np.radians(40)], [0.02, 0.03, 0.04])
+        for k in range(1, 4):
+            frame = mug_scene.shoot(jump, time=epoch + k / 8).frame
+            output = dut.step(output.state, frame)
+        return output.points
+
+    early, late = track(0.0), track(1.75e9)
+
+    assert np.all(np.isfinite(early.positions))
+    np.testing.assert_array_equal(late.positions, early.positions)
+    np.testing.assert_array_equal(late.confidence, early.confidence)

@@ -39,7 +39,6 @@ _NEAR = (float(np.radians(20.0)), 0.025)  # initial standard deviations of a sea
 _GROWTH = (float(np.radians(20.0)), 0.03)  # their growth while the object is lost [rad/s, m/s]
 _FAR = (float(np.radians(60.0)), 0.1)  # their limits [rad, m]
 _FOUND = (float(np.radians(10.0)), 0.01)  # standard deviations of a pose found by search [rad, m]
-_SEED_PERIOD = 1e-3  # frames this far apart draw different poses [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +60,7 @@ class RigidFlowState(SharedOnCopy):
         candidate: (4, 4) the most likely pose of a lost object; None if no pose is likely.
         unconfirmed: Whether a lost object was found in the last frame, but far from where it was
             expected, so that the next frame has to confirm it.
+        steps: Number of steps since the start.
     """
 
     model: ObjectModel
@@ -73,6 +73,7 @@ class RigidFlowState(SharedOnCopy):
     lost_since: float | None = None
     candidate: np.ndarray | None = None
     unconfirmed: bool = False
+    steps: int = 0
 
 
 class Location(NamedTuple):
@@ -146,9 +147,9 @@ def locate(
         if _is_certain(best, MAX_CONFLICT if followed else RETRY_CONFLICT):
             return best
     noise = spread(*_FOUND)
-    # The draw depends on the frame only, so a step is reproducible.
-    seed = abs(round(frame.stamp / _SEED_PERIOD))
-    for X_WO in search(model, frame, _search_regions(state, frame.stamp, predicted), seed):
+    # The draw depends on the state only, so a step is reproducible, at any epoch of the stamps.
+    regions = _search_regions(state, frame.stamp, predicted)
+    for X_WO in search(model, frame, regions, seed=state.steps):
         other = _align(model, frame, PoseEstimate(X_WO, noise, predicted.covariance + noise))
         if best is None or other.evidence.score > best.evidence.score:
             best = other

@@ -1,0 +1,1 @@
+"""Trackers with network weights, each in a process and a Python environment of its own."""

@@ -1,0 +1,1 @@
+"""What trackers of single points share: sight lines, a rigid fit to matched points, and state."""
