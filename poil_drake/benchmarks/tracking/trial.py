@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -53,7 +54,16 @@ def run_trial(
     data: str | None,
     seed: int,
 ) -> list[TrackedTrial]:
-    """Runs every tracker, with and without a prior, in every case on the sequences of a seed."""
+    """Runs every tracker, with and without a prior, in every case on the sequences of a seed.
+
+    Args:
+        trackers: Names of trackers, configured as in the scenario.
+        cases: Names in `CASES`.
+        priors: Whether the trackers get the motion of the hand.
+        max_frames: Frames of each sequence; None for all.
+        data: YAML merged over the package's scenario.
+        seed: Seed of the sequences and the faults.
+    """
     poil = ChooseScenario(data=data).poil
     results = []
     for kind in dict.fromkeys(CASES[name].sequence for name in cases):
@@ -62,8 +72,10 @@ def run_trial(
             for tracker, prior in product(trackers, priors):
                 one = TrackedTrial(seed, name, tracker, prior)
                 try:
-                    made = MakeScenarioTracker(replace(poil, tracker=tracker))
-                    track, tiles = follow(made, sequence, CASES[name], prior=prior, seed=seed)
+                    with ExitStack() as stack:
+                        made = MakeScenarioTracker(replace(poil, tracker=tracker))
+                        stack.callback(getattr(made, "close", lambda: None))  # its process, if any
+                        track, tiles = follow(made, sequence, CASES[name], prior=prior, seed=seed)
                 except MissingDependencyError as error:
                     one = replace(one, problem=f"{NO_WEIGHTS} ({error.problem})")
                 except TrackingError as error:
