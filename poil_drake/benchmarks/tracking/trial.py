@@ -13,7 +13,7 @@ from poil_drake.benchmarks.tracking.measures import Track
 from poil_drake.benchmarks.tracking.sequence import MakeSequence, TrackingSequence, slip_time
 from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.scenario.load import ChooseScenario
-from poil_drake.errors import MissingDependencyError, TrackingError
+from poil_drake.errors import DetectionError, MissingDependencyError, TrackingError
 from poil_drake.geometry.rigid_transform import inverse
 from poil_drake.perception.faults.injector import FaultInjector
 from poil_drake.perception.images import MultiViewFrame
@@ -78,7 +78,7 @@ def run_trial(
                         track, tiles = follow(made, sequence, CASES[name], prior=prior, seed=seed)
                 except MissingDependencyError as error:
                     one = replace(one, problem=f"{NO_WEIGHTS} ({error.problem})")
-                except TrackingError as error:
+                except (TrackingError, DetectionError) as error:
                     one = replace(one, problem=error.problem)
                 else:
                     one = replace(one, track=track, tiles=tiles if seed == 0 else ())
@@ -104,39 +104,42 @@ def follow(
         The track, and pictures of some frames with the reported points.
 
     Raises:
+        DetectionError: if the first frame hardly shows the part.
         TrackingError: if the tracker cannot start.
     """
     motion = sequence.motion
     start = slip_time(motion)
     names = tuple(camera.name for camera in sequence.frames[0].cameras)
-    injector = FaultInjector(
-        case.faults(start, names), object_label=sequence.object_label, seed=seed
-    )
-    first_pixels = _pixels(sequence.frames[0], sequence.object_label)
+    label = sequence.poil.object
+    injector = FaultInjector(case.faults(start, names), object_label=label, seed=seed)
+    first_pixels = _pixels(sequence.frames[0], label)
+    query = np.zeros((0, 3))
     shown = set(np.linspace(0, len(sequence.frames) - 1, 8).astype(int).tolist())
     rows, tiles, state, last, since = [], [], None, -np.inf, 0
     for index, true in enumerate(sequence.frames):
         frame = injector.apply(true)
         if not frame.stamp > last:
             continue
-        visible = np.max(_pixels(frame, sequence.object_label) / np.maximum(first_pixels, 1))
+        visible = np.max(_pixels(frame, label) / np.maximum(first_pixels, 1))
         unlabelled = MultiViewFrame(frame.cameras, frame.images)
+        if index == 0:
+            query = sequence.query_points(frame)
         began = time.perf_counter()
         try:
             if index == 0:
-                output = tracker.start(unlabelled, sequence.query_points, sequence.masks)
+                output = tracker.start(unlabelled, query, sequence.masks.object_masks)
             else:
                 moved = motion.priors[index] @ inverse(motion.priors[since])
                 output = tracker.step(state, unlabelled, moved if prior else None)
         except TrackingError:
             if index == 0:
                 raise
-            points, lost = TrackedPoints.lost(len(sequence.query_points), frame.stamp), True
+            points, lost = TrackedPoints.lost(len(query), frame.stamp), True
         else:
             state, points, lost, since = output.state, output.points, output.lost, index
         wall = time.perf_counter() - began
         last = frame.stamp
-        errors = np.linalg.norm(points.positions - sequence.true_points(index), axis=1)
+        errors = np.linalg.norm(points.positions - sequence.moved(query, index), axis=1)
         errors[(points.confidence <= 0.0) | lost] = np.nan
         confidence = 0.0 if lost else points.confidence.max()
         rows.append((motion.times[index], errors, lost, confidence, visible, wall))

@@ -79,13 +79,14 @@ def test_the_points_lie_on_the_object_in_the_first_frame(sequence: TrackingSeque
     dut = sequence
     camera, image = dut.frames[0].cameras[0], dut.frames[0].images[0]
 
-    p = (dut.query_points - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3] @ camera.K.T
+    points = dut.query_points(dut.frames[0])
+    p = (points - camera.X_WC[:3, 3]) @ camera.X_WC[:3, :3] @ camera.K.T
     u, v = np.rint(p[:, :2] / p[:, 2:]).astype(int).T
 
     # Points on the far side are a handle's thickness behind what this view shows.
     near = np.abs(image.depth[v, u] - p[:, 2]) < 0.02
     assert near.mean() > 0.5
-    np.testing.assert_allclose(dut.true_points(0), dut.query_points, atol=1e-12)
+    np.testing.assert_allclose(dut.moved(points, 0), points, atol=1e-12)
 
 
 def test_a_tracker_that_trusts_its_prior_is_right_while_the_grasp_is_rigid(
