@@ -36,6 +36,7 @@ _URLS = (
 _FILES = (
     "poil.demonstration",
     "poil.calibration",
+    "poil.labels.*",
     "poil.packages.*",
     "poil.tracker_config.*.python",
     "poil.tracker_config.*.repository",

@@ -177,6 +177,8 @@ class PoilConfig:
             demonstration shows; "by_name" asks a learned model for the words that name them;
             "label_image" reads a simulator's label images.
         detector_config: Models and words of the detector "by_name".
+        labels: Files of `poil label` for the detector "by_hand": of the demonstration and of the
+            scene.
         tracker: Name of the point tracker: rigid_flow, lucas_kanade, mvtracker, cotracker3, or
             ground_truth.
         tracker_config: Tracker's name -> its parameters.
@@ -221,6 +223,7 @@ class PoilConfig:
     )
     detector: str = "demonstration"
     detector_config: NamedDetectorConfig = field(default_factory=NamedDetectorConfig)
+    labels: tuple[str, ...] = ()
     tracker: str = "rigid_flow"
     tracker_config: TrackerConfigs = field(default_factory=TrackerConfigs)
     fusion: FusionConfig = field(default_factory=FusionConfig)

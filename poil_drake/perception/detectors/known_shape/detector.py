@@ -22,10 +22,13 @@ SHAPE_FUSION = FusionConfig(
 )
 """How clouds are made for a search: with all pixels, since thin parts consist of edges."""
 
-_MAX_COST = 0.25  # of a shape that is found; most other objects cost more
+_MAX_COST = 0.25  # of an object of the shape's kind; most others cost more
+_PART_WEIGHT = 0.1  # of the shares of the part that are not seen, and seen through, in the cost
 _MARGIN = 0.02  # by which other objects, and other places of the part, must cost more
-_MIN_SEEN = 0.3  # share of the part's points that must be seen
-_MAX_THROUGH = 0.2  # largest share of the part's points that may be seen through
+_MIN_SEEN, _MAX_THROUGH = 0.5, 0.2  # shares of the part's points that are seen, and seen through
+_MAX_UNLIKE, _CLEAR, _CLEARLY_SEEN = 0.3, 0.05, 0.6
+"""Cost, margin and share for an object with other proportions, whose part must be the clearer."""
+
 _OTHER_PART = 0.03  # distance at which a part is another one [m]
 _OBJECT_REACH, _PART_REACH = 0.03, 0.015  # of the object and its part from the placed shape [m]
 _PIXEL_REACH = 0.006  # of a pixel from the cloud [m]
@@ -71,31 +74,28 @@ class KnownShapeDetector:
             DetectionError: if no cluster has the shape, if several have it, if the part may be in
                 several places, or if no view shows it.
         """
+        what = f"the part '{part_label}' of '{object_label}'"
         found = sorted(self._candidates(frame), key=lambda one: one.cost)
-        if not found or found[0].cost > _MAX_COST:
-            cost = f"; the best fit costs {found[0].cost:.2f}" if found else ""
+        if not found or found[0].fit_cost > _MAX_UNLIKE:
+            cost = f"; the best fit costs {found[0].fit_cost:.2f}" if found else ""
             raise DetectionError(
-                f"None of the {len(found)} objects on the table looks like the demonstrated "
-                f"'{object_label}'{cost}, and {_MAX_COST:g} is the most for a likeness.",
+                f"None of the {len(found)} objects on the table looks like '{object_label}'{cost}, "
+                f"and {_MAX_UNLIKE:g} is the most for a likeness.",
                 remedy="Put the object where the cameras see it, apart from others, or name it: "
                 "poil.detector.",
             )
-        what = f"the part '{part_label}' of '{object_label}'"
-        likely = [one for one in found if one.cost <= found[0].cost + _MARGIN]
-        doubts = [self._doubt(one, what) for one in likely]
-        certain = [one for one, doubt in zip(likely, doubts, strict=True) if doubt is None]
-        if not certain:
+        doubt = found[0].doubt(what)
+        if doubt is not None:
             raise DetectionError(
-                str(doubts[0]),
-                remedy="Turn the object so that the cameras see the part, or add a camera.",
+                doubt, remedy="Turn the object so that the cameras see the part, or add a camera."
             )
-        if len(certain) > 1:
+        if len(found) > 1 and found[1].cost < found[0].cost + _MARGIN:
             raise DetectionError(
-                f"Two objects look like the demonstrated '{object_label}': at "
-                f"{_text(certain[0].center)} m and at {_text(certain[1].center)} m.",
+                f"Two objects look like '{object_label}': at {_text(found[0].center)} m and at "
+                f"{_text(found[1].center)} m.",
                 remedy="Leave one of them on the table.",
             )
-        return self._masks(frame, certain[0])
+        return self._masks(frame, found[0])
 
     def _candidates(self, frame: MultiViewFrame) -> list["_Candidate"]:
         clusters = object_clusters(
@@ -117,34 +117,11 @@ class KnownShapeDetector:
                 rigid=self._is_same,
                 expected=Placements.at_rest(self._shape) if self._is_same else None,
             )
-            found.append(_Candidate(masks, cloud, shape))
+            found.append(_Candidate.of(masks, cloud, shape))
         return found
 
-    def _doubt(self, candidate: "_Candidate", what: str) -> str | None:
-        """Returns why a candidate's part cannot be told; None if it can."""
-        found = candidate.found
-        centers = found.part_centers()
-        elsewhere = np.linalg.norm(centers - centers[0], axis=1) > _OTHER_PART
-        if np.any(found.costs[elsewhere] < candidate.cost + _MARGIN):
-            return (
-                f"{what[0].upper()}{what[1:]} may be at {_text(centers[0])} m or at "
-                f"{_text(centers[elsewhere][0])} m; both fit what the views show."
-            )
-        seen, through = found.fit.support(self._placed(candidate)[self._shape.part])
-        if seen < _MIN_SEEN or through > _MAX_THROUGH:
-            return (
-                f"The views show only {seen:.0%} of where {what} should be, at "
-                f"{_text(centers[0])} m, and see through {through:.0%}."
-            )
-        return None
-
-    def _placed(self, candidate: "_Candidate") -> np.ndarray:
-        """Returns the shape's points (P, 3) where they fit best [m, world]."""
-        best = candidate.found.placements.select(np.array([0]))
-        return best.apply(self._shape, self._shape.cloud.points)[0]
-
     def _masks(self, frame: MultiViewFrame, best: "_Candidate") -> PartMasks:
-        placed, shape = self._placed(best), self._shape
+        placed, shape = best.placed[0], self._shape
         cloud = best.cloud.points
         is_object = cKDTree(placed).query(cloud)[0] < _OBJECT_REACH
         is_part = is_object & _transferred_part(placed, shape.part, cloud, thin=self._thin)
@@ -183,19 +160,78 @@ def _transferred_part(
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A cluster of points, and how the shape fits it."""
+    """A cluster of points, and the ways in which the shape fits it, the likeliest first.
+
+    Attributes:
+        masks: The cluster's pixels in each view.
+        cloud: The cluster's points [m, world].
+        placed: (K, P, 3) the shape's points [m, world].
+        fit_costs: (K,) costs of the fits.
+        seen: (K,) shares of the part's points that are seen.
+        through: (K,) shares of the part's points that are seen through.
+        part_centers: (K, 3) where the part is [m, world].
+    """
 
     masks: Masks
     cloud: PointCloud
-    found: FoundShape
+    placed: np.ndarray
+    fit_costs: np.ndarray
+    seen: np.ndarray
+    through: np.ndarray
+    part_centers: np.ndarray
+
+    @classmethod
+    def of(cls, masks: Masks, cloud: PointCloud, found: FoundShape) -> "_Candidate":
+        shape = found.fit.shape
+        placed = found.placements.apply(shape, shape.cloud.points)
+        support = [found.fit.support(points[shape.part]) for points in placed]
+        seen, through = np.array(support).T
+        order = np.argsort(found.costs + _PART_WEIGHT * (1.0 - seen + through), kind="stable")
+        return cls(
+            masks,
+            cloud,
+            placed[order],
+            found.costs[order],
+            seen[order],
+            through[order],
+            found.part_centers()[order],
+        )
+
+    @property
+    def costs(self) -> np.ndarray:
+        """The fits' costs (K,), including that of a part that is not seen or is seen through."""
+        return self.fit_costs + _PART_WEIGHT * (1.0 - self.seen + self.through)
 
     @property
     def cost(self) -> float:
-        return float(self.found.costs[0])
+        return float(self.costs[0])
+
+    @property
+    def fit_cost(self) -> float:
+        return float(self.fit_costs[0])
 
     @property
     def center(self) -> np.ndarray:
         return self.cloud.points.mean(axis=0)
+
+    def doubt(self, what: str) -> str | None:
+        """Returns why it is doubtful where the part is; None if it is not."""
+        unlike = self.fit_cost > _MAX_COST
+        margin, least_seen = (_CLEAR, _CLEARLY_SEEN) if unlike else (_MARGIN, _MIN_SEEN)
+        center, seen, through = self.part_centers[0], self.seen[0], self.through[0]
+        if seen < least_seen or through > _MAX_THROUGH:
+            return (
+                f"The views show only {seen:.0%} of where {what} should be, at {_text(center)} m, "
+                f"and see through {through:.0%}."
+            )
+        rivals = self.part_centers[self.costs < self.cost + margin]
+        apart = np.linalg.norm(rivals - center, axis=1) > _OTHER_PART
+        if np.any(apart):
+            return (
+                f"{what[0].upper()}{what[1:]} may be at {_text(center)} m or at "
+                f"{_text(rivals[apart][0])} m; both fit what the views show."
+            )
+        return None
 
 
 def _filled(mask: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -21,6 +21,9 @@ _DESCENT_STEPS = 15
 _STEPS = np.repeat([0.03, 0.03, 0.003], 3)  # in rotation [rad], log scale, position [m]
 _DAMPING = 1e-5  # of the first step
 _HOPELESS = 0.5  # cost above which placements are not refined
+_PLAUSIBLE = 0.35  # cost below which the best placements are refined once more
+_RETRIED, _RETRIES = 5, 8  # modes, and descents from around each
+_RETRY = np.array([0.2, 0.006, 0.08])  # deviations of their starts, as in _START
 _CERTAIN = 0.06  # cost below which an expected placement is right
 _SHARES = np.array([1.0, 0.5, 0.2, 0.05])  # of a step that are tried
 _MODE_ANGLE, _MODE_DISTANCE = np.deg2rad(30.0), 0.02  # [rad, m]; nearer placements are one mode
@@ -28,6 +31,7 @@ _START = np.array([0.25, 0.012, 0.12])  # deviations in rotation [rad], position
 _SHRINK = 0.65  # of the deviations, from round to round
 _ASPECT_SHARE = 0.6  # of the deviation of the scale: that of each axis's own scale
 _SCALES = np.log([0.45, 2.2])
+_SEVERAL, _SEVERAL_TIMES = np.log(1.35), 4  # a cluster this much larger has more starts
 _STANDS = 0.02  # a cluster whose lowest point is at most this far above the table stands on it [m]
 
 
@@ -96,6 +100,13 @@ def search_shape(
     modes = placed.select(np.array(_modes(shape, placed, np.argsort(costs, kind="stable"))))
     modes = _descended(fine, modes, stretch)
     costs = fine.cost(modes)
+    if costs.min() < _PLAUSIBLE:
+        # Descents end in local minima, so the best modes are descended again from around them.
+        order = np.argsort(costs, kind="stable")
+        few = modes.select(np.array(_modes(shape, modes, order)[:_RETRIED]))
+        again = _varied(few, _RETRIES, _RETRY, stretch, rng)
+        modes = modes.joined(_descended(fine, again, stretch))
+    costs = fine.cost(modes)
     order = np.argsort(costs, kind="stable")
     return FoundShape(modes.select(order), costs[order], fine)
 
@@ -114,12 +125,14 @@ def _first(
         [np.repeat(standing, _PER_HEADING, axis=0), super_fibonacci_rotations(_ORIENTATIONS)]
     )
     size = np.log(_radius(cluster) / _radius(shape.cloud.points[~shape.guessed]))
+    if size > _SEVERAL:
+        # Several objects that touch: the shape has its usual size and may be anywhere in them.
+        R, size = np.tile(R, (_SEVERAL_TIMES, 1, 1)), 0.0
     sizes = np.clip(size + _START[2] * rng.standard_normal((len(R), 1)), *_SCALES) * stretch
     placed = Placements(R, np.repeat(sizes, 3, axis=1), np.zeros((len(R), 3)))
     points = placed.apply(shape, shape.cloud.points[:: max(len(shape.cloud) // 300, 1)])
     low, high = points.min(axis=1), points.max(axis=1)
     lower, upper = cluster.min(axis=0), cluster.max(axis=0)
-    # A cluster that is larger than the shape consists of several objects that touch.
     slack = np.maximum(0.5 * ((upper - lower) - (high - low)), 0.0)
     t = 0.5 * (lower + upper) - 0.5 * (low + high) + slack * rng.uniform(-1.0, 1.0, slack.shape)
     t += _START[1] * 0.5 * rng.standard_normal(t.shape)
