@@ -16,6 +16,7 @@ from poil_drake.errors import ScenarioError
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.detectors.by_name.config import NamedDetectorConfig
+from poil_drake.perception.faults.injector import Fault
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.trackers.registry import TrackerConfigs
 from poil_drake.robots.collision import CollisionConfig
@@ -195,6 +196,8 @@ class PoilConfig:
         latency: Time from the capture of images to the release of the points tracked in them [s],
             including the cameras' output_delay.
         depth_noise: Errors of the simulated depth cameras.
+        faults: Faults of the simulated cameras and of what they see, in the run but not in the
+            demonstration; not used on hardware.
         disturbances: Pushes on bodies of the simulated plant; not used on hardware.
         rates: Periods of the plant, the control, the tracker and the logger.
         randomization: Ranges from which randomized trials draw.
@@ -233,6 +236,7 @@ class PoilConfig:
     max_linear_speed: float = 0.25
     latency: float = 1 / 16
     depth_noise: StereoDepthNoiseConfig = field(default_factory=StereoDepthNoiseConfig)
+    faults: tuple[Fault, ...] = ()
     disturbances: tuple[Pulse, ...] = ()
     rates: Rates = field(default_factory=Rates)
     randomization: Randomization = field(default_factory=Randomization)
