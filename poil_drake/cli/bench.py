@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from poil_drake.cli.options import Seed, Tracker, names
+from poil_drake.cli.options import ScenarioText, Seed, Tracker, names
 from poil_drake.runtime.output_files import require_writable
 
 bench_app = typer.Typer(no_args_is_help=True, help="Run studies and measurements.")
@@ -48,6 +48,52 @@ def bench_pipeline(
         jobs=jobs,
         tracker=tracker,
         json_path=json,
+        ray_address=ray,
+    )
+
+
+@bench_app.command("tracking")
+def bench_tracking(
+    trackers: Annotated[
+        str | None, typer.Option("--trackers", help="Comma-separated. Default: all.")
+    ] = None,
+    faults: Annotated[
+        str | None,
+        typer.Option(
+            "--faults",
+            help="Comma-separated: none, still, slip, occluded, hand, dropped, frozen, delayed, "
+            "swapped, depth_holes, depth_bias, depth_scale, extrinsics, dark, untextured, glossy, "
+            "transparent. Default: all.",
+        ),
+    ] = None,
+    prior: Annotated[
+        bool | None,
+        typer.Option(help="Whether trackers get the hand's motion. Default: with and without."),
+    ] = None,
+    trials: Annotated[int, typer.Option("--trials", min=1, help="Seeds 0 to trials - 1.")] = 20,
+    scenario_text: ScenarioText = None,
+    jobs: Jobs = 1,
+    ray: Ray = None,
+    json: Json = Path("out/bench_tracking.json"),
+    pictures: Pictures = None,
+) -> None:
+    """Compare trackers on rendered sequences of a mug that is hung, with and without faults."""
+    from poil_drake.benchmarks.tracking.cases import CASES
+    from poil_drake.benchmarks.tracking.tracking import run_tracking_benchmark
+    from poil_drake.perception.trackers.registry import TRACKERS
+
+    folder = json.parent if pictures is None else pictures
+    for path in (json, folder / "tracking.png"):
+        require_writable(path)
+    run_tracking_benchmark(
+        trackers=names(trackers) or tuple(TRACKERS),
+        cases=names(faults) or tuple(CASES),
+        trials=trials,
+        priors=(True, False) if prior is None else (prior,),
+        jobs=jobs,
+        json_path=json,
+        pictures=folder,
+        data=scenario_text,
         ray_address=ray,
     )
 

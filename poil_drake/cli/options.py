@@ -58,7 +58,8 @@ Tracker = Annotated[
     ),
 ]
 Detector = Annotated[
-    str | None, typer.Option("--detector", help="demonstration (default), by_name or label_image.")
+    str | None,
+    typer.Option("--detector", help="demonstration (default), by_hand, by_name, label_image."),
 ]
 Hardware = Annotated[bool, typer.Option("--hardware", help="Drive the real robot.")]
 Html = Annotated[

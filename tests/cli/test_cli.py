@@ -7,6 +7,7 @@ import pytest
 from command_line import Command
 
 from poil_drake.benchmarks.control import study
+from poil_drake.benchmarks.tracking.cases import CASES
 from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.errors import InvalidValueError
 
@@ -95,6 +96,9 @@ NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_t
         (["transfer", "missing.mcap", "-o", "/dev/null/p.npz"], "/dev/null/p.npz"),
         (["bench", "pipeline", "--tracker", "magic"], "'magic'"),
         (["bench", "pipeline", "--json", "."], "The output '.' is a folder"),
+        (["bench", "tracking", "--trackers", "eyes"], "'eyes'"),
+        (["bench", "tracking", "--faults", "fog"], "'fog'"),
+        (["bench", "tracking", "--json", "."], "The output '.' is a folder"),
         (["bench", "control", "--tasks", "juggle"], "'juggle'"),
         (["bench", "control", "--policies", "luck"], "'luck'"),
         (["bench", "control", "--json", "."], "The output '.' is a folder"),
@@ -228,6 +232,12 @@ def test_help_names_every_task_and_policy(command: Command) -> None:
 
     default = study.ControlStudyConfig()
     assert all(name in said for name in (*default.tasks, *default.policies))
+
+
+def test_help_names_every_fault(command: Command) -> None:
+    said = command("bench", "tracking", "--help").out
+
+    assert all(name in said for name in CASES)
 
 
 @pytest.mark.parametrize(("same", "status"), [(True, 0), (False, 1)])

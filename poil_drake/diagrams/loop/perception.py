@@ -16,7 +16,12 @@ from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetector
 from poil_drake.perception.detectors.known_shape.shape_fit import KnownShape
 from poil_drake.perception.detectors.protocol import Detector
-from poil_drake.perception.detectors.registry import DEMONSTRATION, LABEL_IMAGE, make_detector
+from poil_drake.perception.detectors.registry import (
+    BY_HAND,
+    DEMONSTRATION,
+    LABEL_IMAGE,
+    make_detector,
+)
 from poil_drake.perception.trackers.learned.config import MvTrackerConfig
 from poil_drake.perception.trackers.process_tracker import ProcessTracker
 from poil_drake.perception.trackers.protocol import Tracker
@@ -91,13 +96,13 @@ def AddPerception(
 def MakeRunDetector(poil: PoilConfig, plan: ExecutionPlan) -> Detector:
     """Returns the detector that finds a plan's object at the start of a run and during it.
 
-    The detector of demonstrations then searches the object itself, whose shape the plan has.
+    Where the demonstration or a person showed the object, it is searched by its shape in the plan.
 
     Raises:
         InvalidValueError: if `poil.detector` is not a known name.
         MissingDependencyError: if a model that it needs is missing.
     """
-    if poil.detector != DEMONSTRATION:
+    if poil.detector not in (DEMONSTRATION, BY_HAND):
         return make_detector(poil.detector, poil.detector_config, table_height=poil.table_height)
     points = plan.object_points
     cloud = PointCloud(points, pca_normals(points, np.arange(len(points))))

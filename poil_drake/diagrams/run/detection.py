@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import DetectionError
+from poil_drake.perception.detectors.by_hand.detector import HandLabelDetector
 from poil_drake.perception.detectors.known_shape.detector import KnownShapeDetector
 from poil_drake.perception.detectors.protocol import Detector, PartMasks
-from poil_drake.perception.detectors.registry import DEMONSTRATION, make_detector
+from poil_drake.perception.detectors.registry import BY_HAND, DEMONSTRATION, make_detector
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.protocol import Tracker
 from poil_drake.recording.demonstration.demonstration import Demonstration
@@ -61,10 +62,13 @@ def DetectParts(
             shown.shape, table_height=poil.table_height, background=shown.fixture
         )
     else:
-        detector = make_detector(
-            poil.detector, poil.detector_config, table_height=poil.table_height
-        )
         tracks = None
+        if poil.detector == BY_HAND:
+            detector = HandLabelDetector(poil.labels)
+        else:
+            detector = make_detector(
+                poil.detector, poil.detector_config, table_height=poil.table_height
+            )
         first = f"the first frame of the demonstration '{demonstration.name}'"
         label = poil.demonstration_object_label or poil.object
         source = _detect(detector, demonstration.frames[0], first, label, poil.part)

@@ -18,6 +18,7 @@ from poil_drake.diagrams.scenario.randomization import ApplyRandomization
 from poil_drake.diagrams.scenario.scenario import Scenario, ScenarioSource
 from poil_drake.diagrams.scenario.typed_yaml import merge_yaml
 from poil_drake.errors import ScenarioError
+from poil_drake.perception.faults.injector import Fault
 
 _LARGEST_TEXT, _MOST_VALUES = 1_000_000, 100_000
 """Largest numbers of characters in a YAML text, and of values after aliases are expanded."""
@@ -35,6 +36,7 @@ _URLS = (
 _FILES = (
     "poil.demonstration",
     "poil.calibration",
+    "poil.labels.*",
     "poil.packages.*",
     "poil.tracker_config.*.python",
     "poil.tracker_config.*.repository",
@@ -300,7 +302,7 @@ def _node(value: Any) -> Any:
     if dataclasses.is_dataclass(value):
         written = [f for f in dataclasses.fields(value) if f.metadata.get("yaml", True)]
         node = {field.name: _node(getattr(value, field.name)) for field in written}
-        if isinstance(value, CameraSource | PartRegion):  # A union needs the member's tag.
+        if isinstance(value, CameraSource | PartRegion | Fault):  # A union needs the member's tag.
             node = {"_tag": f"!{type(value).__name__}", **node}
         return node
     if isinstance(value, Mapping):

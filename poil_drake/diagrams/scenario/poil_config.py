@@ -16,6 +16,7 @@ from poil_drake.errors import ScenarioError
 from poil_drake.grasping.candidates.grasp_candidate import GraspSamplingConfig
 from poil_drake.perception.depth_noise import StereoDepthNoiseConfig
 from poil_drake.perception.detectors.by_name.config import NamedDetectorConfig
+from poil_drake.perception.faults.injector import Fault
 from poil_drake.perception.fusion import FusionConfig
 from poil_drake.perception.trackers.registry import TrackerConfigs
 from poil_drake.robots.collision import CollisionConfig
@@ -176,6 +177,8 @@ class PoilConfig:
             demonstration shows; "by_name" asks a learned model for the words that name them;
             "label_image" reads a simulator's label images.
         detector_config: Models and words of the detector "by_name".
+        labels: Files of `poil label` for the detector "by_hand": of the demonstration and of the
+            scene.
         tracker: Name of the point tracker: rigid_flow, lucas_kanade, mvtracker, cotracker3, or
             ground_truth.
         tracker_config: Tracker's name -> its parameters.
@@ -193,6 +196,8 @@ class PoilConfig:
         latency: Time from the capture of images to the release of the points tracked in them [s],
             including the cameras' output_delay.
         depth_noise: Errors of the simulated depth cameras.
+        faults: Faults of the simulated cameras and of what they see, in the run but not in the
+            demonstration; not used on hardware.
         disturbances: Pushes on bodies of the simulated plant; not used on hardware.
         rates: Periods of the plant, the control, the tracker and the logger.
         randomization: Ranges from which randomized trials draw.
@@ -218,6 +223,7 @@ class PoilConfig:
     )
     detector: str = "demonstration"
     detector_config: NamedDetectorConfig = field(default_factory=NamedDetectorConfig)
+    labels: tuple[str, ...] = ()
     tracker: str = "rigid_flow"
     tracker_config: TrackerConfigs = field(default_factory=TrackerConfigs)
     fusion: FusionConfig = field(default_factory=FusionConfig)
@@ -230,6 +236,7 @@ class PoilConfig:
     max_linear_speed: float = 0.25
     latency: float = 1 / 16
     depth_noise: StereoDepthNoiseConfig = field(default_factory=StereoDepthNoiseConfig)
+    faults: tuple[Fault, ...] = ()
     disturbances: tuple[Pulse, ...] = ()
     rates: Rates = field(default_factory=Rates)
     randomization: Randomization = field(default_factory=Randomization)

@@ -18,6 +18,7 @@ from poil_drake.diagrams.station.station_base import (
 from poil_drake.diagrams.station.station_models import MakeUnsimulatedPlant
 from poil_drake.errors import InvalidValueError, RunLogError
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.perception.faults.extrinsics import miscalibrated
 from poil_drake.perception.images import CameraModel
 from poil_drake.recording.demonstration.stored_images import StoredImages
 from poil_drake.recording.mcap.timestamps import to_seconds
@@ -109,6 +110,8 @@ class ReplayStation(Station):
         self._add_robot(builder)
         if scenario.poil.tracker != GROUND_TRUTH and scenario.cameras:
             self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
+            if self._kind == SIMULATED:
+                self.camera_models = miscalibrated(self.camera_models, scenario.poil.faults)
             self._add_cameras(builder)
         builder.BuildInto(self)
 

@@ -23,15 +23,18 @@ from poil_drake.diagrams.station.cameras.cameras import (
     CheckCameras,
     MakeCameraModels,
 )
+from poil_drake.diagrams.station.cameras.faults import CheckFaults, MakeFaultInjector
 from poil_drake.diagrams.station.contact_properties import ApplySceneGraphConfig
 from poil_drake.diagrams.station.panda_arm import AddPandaDrivers
 from poil_drake.diagrams.station.station_base import ExportOutputs, Station
 from poil_drake.diagrams.station.station_models import AddStationModels, PrefinalizeCallback
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.images import RgbdImage, by_name
+from poil_drake.perception.faults.extrinsics import miscalibrated
+from poil_drake.perception.images import MultiViewFrame, RgbdImage, by_name
 from poil_drake.runtime.stopwatch import Stopwatch
 from poil_drake.systems.cameras.camera_ports import copied_image
-from poil_drake.systems.cameras.delayed_cameras import DelayedCameras
+from poil_drake.systems.cameras.delayed_cameras import DelayedCameras, SceneRenderer
+from poil_drake.systems.cameras.faulty_renderer import FaultyRenderer
 from poil_drake.systems.capture_timing import SimulatedDelay
 from poil_drake.systems.tracking.ground_truth_tracker import (
     GroundTruthTracker,
@@ -146,22 +149,34 @@ class SimulatedStation(Station):
     ) -> float:
         """Adds the cameras; returns the time at which perception first captures images [s]."""
         scenario = self.scenario
+        faults = scenario.poil.faults
         delay = CameraDelay(scenario.cameras)
+        CheckFaults(scenario, delayed=ignore_output_delay or delay > 0.0)
         if ignore_output_delay or delay == 0.0:
-            self.camera_models = AddCameras(
+            models = AddCameras(
                 builder=builder,
                 plant=self._plant,
                 scenario=scenario,
                 lcm_buses=lcm_buses,
             )
+            self.camera_models = miscalibrated(models, faults)
             return 0.0
-        self.camera_models = MakeCameraModels(self._plant, scenario.cameras)
+        models = MakeCameraModels(self._plant, scenario.cameras)
+        self.camera_models = miscalibrated(models, faults)
         CheckCameras(scenario.cameras, lcm_buses)
         self._camera_process = CameraProcess(scenario, package_xmls)
+        renderer: SceneRenderer = self._camera_process
+        if faults:
+            renderer = FaultyRenderer(
+                renderer,
+                injector=MakeFaultInjector(scenario),
+                cameras=models,
+                label_ids=self.label_ids,
+            )
         self._delayed_cameras = builder.AddNamedSystem(
             "cameras",
             DelayedCameras(
-                renderer=self._camera_process,
+                renderer=renderer,
                 cameras=self.camera_models,
                 num_positions=self._plant.num_positions(),
                 num_velocities=self._plant.num_velocities(),
@@ -189,7 +204,16 @@ class SimulatedStation(Station):
         )
 
     def TakeImages(self, context: Context, *, labels: bool = False) -> tuple[RgbdImage, ...]:
-        """See `Station.TakeImages`."""
+        """See `Station.TakeImages`; the images have the scenario's faults at the context's time."""
+        injector = MakeFaultInjector(self.scenario)
+        wanted = labels or injector.needs_labels(context.get_time())
+        images = self._true_images(context, labels=wanted)
+        frame = MultiViewFrame(self.camera_models, images, self.label_ids if wanted else {})
+        images = injector.apply(frame).images
+        return images if labels else tuple(replace(image, label=None) for image in images)
+
+    def _true_images(self, context: Context, *, labels: bool) -> tuple[RgbdImage, ...]:
+        """Returns each camera's current image without faults."""
         if self._camera_process is None:
             return tuple(self._image(context, name, labels) for name in self.camera_names)
         plant_context = self.GetSubsystemContext(self._plant, context)

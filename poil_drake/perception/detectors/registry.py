@@ -15,6 +15,9 @@ LABEL_IMAGE = "label_image"
 DEMONSTRATION = "demonstration"
 """Name of the detector that needs only the demonstration (`find_demonstrated_object`)."""
 
+BY_HAND = "by_hand"
+"""Name of the detector that uses what a person has marked with `poil label`."""
+
 BY_NAME = "by_name"
 """Name of the detector that asks a learned model for the words that name object and part."""
 
@@ -31,7 +34,7 @@ def require_detector(name: str, config: NamedDetectorConfig | None = None) -> No
             error lists the valid names.
         MissingDependencyError: if a library or a model's weights are missing.
     """
-    names = (DEMONSTRATION, BY_NAME, LABEL_IMAGE)
+    names = (DEMONSTRATION, BY_HAND, BY_NAME, LABEL_IMAGE)
     if name not in names:
         raise InvalidValueError(
             f"There is no part detector '{name}'.", remedy=f"Choose from: {', '.join(names)}."
@@ -51,15 +54,15 @@ def make_detector(
         table_height: Height of the plane on which the objects stand [m, world]; None if unknown.
 
     Raises:
-        InvalidValueError: see `require_detector`; also for the detector `DEMONSTRATION`, which
-            knows shapes instead of names.
+        InvalidValueError: see `require_detector`; also for `DEMONSTRATION` and `BY_HAND`, which
+            know no names.
         MissingDependencyError: see `require_detector`.
     """
     require_detector(name, config)
-    if name == DEMONSTRATION:
+    if name in (DEMONSTRATION, BY_HAND):
         raise InvalidValueError(
             f"The detector '{name}' knows no names.",
-            remedy="Make it by find_demonstrated_object, or choose another detector.",
+            remedy="Use find_demonstrated_object, HandLabelDetector, or another detector.",
         )
     if name == BY_NAME:
         return make_named_detector(config or NamedDetectorConfig(), table_height=table_height)

@@ -63,7 +63,7 @@ class DelayedCameras(LeafSystem):
 
     Outputs, for each camera: `rgb_image` (ImageRgba8U), `depth_image` (ImageDepth32F [m], 0 where
     invalid), both as one `RgbdImage` in `rgbd_image`, `label_image` (ImageLabel16I, rendered when
-    evaluated, which is slow) and `image_time` (1,), the time of the capture [s]. Until the first
+    evaluated, which is slow) and `image_time` (1,), the image's stamp [s]. Until the first
     image is due, images are empty, `rgbd_image` is `ABSENT`, and times are NaN. Every output is a
     function of the state.
 
@@ -121,8 +121,8 @@ class DelayedCameras(LeafSystem):
 
     def _declare_outputs(self, view: int, name: str) -> None:
         def time(context: Context) -> float:
-            capture = self._rendered.capture_time(context)
-            return capture if np.isfinite(capture) else np.nan
+            image = self._rendered.result(context).images[view]
+            return np.nan if image is None else image.stamp
 
         DeclareCameraOutputs(
             self,

@@ -51,6 +51,7 @@ from poil_drake.perception.trackers.rigid_flow.view_window import ViewWindow
 _START = (1e-3, 1e-4)  # standard deviations of the first pose [rad, m], from the model's noise
 _FOUND_NEAR = (float(np.radians(5.0)), 0.01)  # a smaller innovation needs no confirming [rad, m]
 _CANDIDATE_AGREEMENT = 0.5  # from here on, a lost object's best pose is searched around next
+_MAX_HIDDEN = 0.2  # longest time for which a hidden object is extrapolated without a prior [s]
 _VELOCITY_GAIN = 0.7  # share of the newest velocity in the filtered one
 
 
@@ -120,8 +121,14 @@ class RigidFlowTracker:
         expected = predicted.X_WO if motion_prior is None else motion_prior @ state.pose.X_WO
         motion = motion_between(expected, pose.X_WO)
         innovation = float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:]))
+        hidden_since = None
+        if not evidence.is_supported:
+            hidden_since = frame.stamp if state.hidden_since is None else state.hidden_since
         if state.lost_since is None:
-            tracked = evidence.supports_pose(LOST_AGREEMENT)
+            hidden = 0.0 if hidden_since is None else frame.stamp - hidden_since
+            # A person's hand may turn at any time, so an extrapolation is soon wrong.
+            gone = motion_prior is None and hidden > _MAX_HIDDEN
+            tracked = not gone and evidence.supports_pose(LOST_AGREEMENT)
         else:
             near = innovation[0] <= _FOUND_NEAR[0] and innovation[1] <= _FOUND_NEAR[1]
             tracked = evidence.is_found and (near or state.unconfirmed)
@@ -135,6 +142,7 @@ class RigidFlowTracker:
             velocity=_velocity(state, pose, elapsed),
             stamp=frame.stamp,
             innovation=innovation,
+            hidden_since=hidden_since,
             lost_since=None,
             candidate=None,
             unconfirmed=False,

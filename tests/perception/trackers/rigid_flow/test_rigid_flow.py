@@ -145,6 +145,19 @@ def test_behind_an_obstacle_confidence_fades_until_the_object_is_lost(tracked, m
     assert np.all(np.diff(confidence) <= 0.0)
 
 
+def test_a_hidden_object_is_followed_longer_if_its_motion_is_known(tracked, mug_scene):
+    above = mug_scene.start @ make_transform(np.eye(3), np.array([0, 0, 0.13]))
+    board = ([-0.15, -0.2, 0.0], [0.2, 0.2, 0.01]), above
+    guessing, knowing = tracked(), tracked()
+
+    without = [guessing.step(mug_scene.start, boxes=[board]).lost for _ in range(4)]
+    given = [knowing.step(mug_scene.start, np.eye(4), boxes=[board]).lost for _ in range(4)]
+
+    # The third frame is 0.25 s after the first hidden one.
+    assert without == [False, False, True, True]
+    assert given == [False] * 4
+
+
 def test_points_that_no_view_shows_have_less_confidence(tracked, mug_scene):
     # A bar that hides the handle, but little of the body.
     bar = ([0.05, -0.09, -0.01], [0.12, 0.09, 0.1]), mug_scene.start

@@ -53,6 +53,8 @@ class RigidFlowState(SharedOnCopy):
         stamp: Time of capture of the last frame [s].
         innovation: Difference (angle [rad], distance [m]) between the last pose and the pose that
             the motion prior predicted or, without a motion prior, the extrapolation.
+        hidden_since: Time of capture of the first of the last frames that show too little of the
+            object [s]; None while the views show enough of it.
         lost_since: Time of capture of the frame in which the object was lost [s]; None while it is
             tracked.
         candidate: (4, 4) the most likely pose of a lost object; None if no pose is likely.
@@ -67,6 +69,7 @@ class RigidFlowState(SharedOnCopy):
     velocity: np.ndarray
     stamp: float
     innovation: tuple[float, float] = (0.0, 0.0)
+    hidden_since: float | None = None
     lost_since: float | None = None
     candidate: np.ndarray | None = None
     unconfirmed: bool = False

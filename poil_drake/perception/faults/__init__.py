@@ -1,0 +1,1 @@
+"""Faults of cameras, scenes and calibrations, as data, and their injection into images."""
