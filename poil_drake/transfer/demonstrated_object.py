@@ -35,6 +35,7 @@ from poil_drake.transfer.progress import Progress
 _SUPPORT_POINTS = 40  # tracked on the object, as in the paper
 _NEAR_FIXTURE = 0.04  # at the end, the object is at most this far from the fixture [m]
 _PIXEL_REACH = 0.006  # of a pixel from the shape [m]
+_THIN_FOOT = 0.01  # root of the summed squares across it, up to which a foot is a line [m]
 _FOOT_HEIGHT = 0.012  # above the table, up to which points surround the foot [m]
 
 
@@ -146,7 +147,7 @@ def _foot(cloud: PointCloud, table_height: float) -> np.ndarray:
     lies would look unlike the demonstrated one.
     """
     low = cloud.points[cloud.points[:, 2] < table_height + _FOOT_HEIGHT, :2]
-    if len(low) < 4:
+    if len(low) < 4 or np.linalg.matrix_rank(low - low.mean(axis=0), tol=_THIN_FOOT) < 2:
         return np.zeros((0, 3))
     steps = [np.arange(x.min(), x.max(), SHAPE_FUSION.voxel_size) for x in low.T]
     grid = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
