@@ -13,6 +13,7 @@ from poil_drake.diagrams.run.detection import DetectedParts, DetectParts
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, WithoutRobot
 from poil_drake.errors import DetectionError
+from poil_drake.perception.detectors.by_hand.hand_labels import HandLabels, Mark
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
@@ -104,6 +105,35 @@ def test_labels_give_exact_masks_and_no_tracks(
     assert agreement(dut.source.part_masks, exact_masks(cup.frames[0], "cup").part_masks) == (1, 1)
     assert agreement(dut.target.object_masks, exact_masks(frame).object_masks) == (1, 1)
     assert dut.tracks is None
+
+
+def boxes(frame: MultiViewFrame) -> HandLabels:
+    """Returns exact boxes around mug and handle in each view."""
+    exact, marks = exact_masks(frame), []
+    for role, masks in (("object", exact.object_masks), ("part", exact.part_masks)):
+        for camera, mask in zip(frame.cameras, masks, strict=True):
+            v, u = np.nonzero(mask)
+            box = tuple(map(float, (u.min(), v.min(), u.max(), v.max())))
+            marks.append(Mark(view=camera.name, role=role, kind="box", at=box))
+    return HandLabels.of(frame).with_marks(marks)
+
+
+def test_boxes_drawn_by_hand_are_used(
+    scenario: Scenario, recorded: Demonstration, frame: MultiViewFrame, tmp_path: Path
+) -> None:
+    first = labelled(recorded, scenario).frames[0]
+    paths = (str(tmp_path / "demo.labels.json"), str(tmp_path / "cell.labels.json"))
+    for path, views in zip(paths, (first, frame), strict=True):
+        boxes(views).save(path)
+    poil = replace(scenario.poil, detector="by_hand", labels=paths)
+
+    dut = detect(replace(scenario, poil=poil), recorded, frame)
+
+    for masks, views in ((dut.source, first), (dut.target, frame)):
+        precision, recall = agreement(masks.object_masks, exact_masks(views).object_masks)
+        assert precision > 0.97
+        assert recall > 0.8
+        assert agreement(masks.part_masks, exact_masks(views).part_masks)[1] > 0.5
 
 
 @pytest.mark.parametrize(
