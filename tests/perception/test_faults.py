@@ -51,8 +51,8 @@ def flat(*, depth: float = 0.6, label: int = 3) -> MultiViewFrame:
     return MultiViewFrame(like.cameras, (plane,), like.label_ids)
 
 
-def inject_flat(fault: Fault, **kwargs: float) -> RgbdImage:
-    return FaultInjector([fault], object_label="mug").apply(flat(**kwargs)).images[0]
+def inject_flat(fault: Fault, depth: float = 0.6) -> RgbdImage:
+    return FaultInjector([fault], object_label="mug").apply(flat(depth=depth)).images[0]
 
 
 def test_dropped_frames_keep_the_last_image_and_its_stamp() -> None:
