@@ -93,12 +93,13 @@ def plan(plan_file: Path) -> "ExecutionPlan":
 
 @pytest.fixture(scope="session")
 def whole_run(make_once: MakeOnce) -> Path:
-    """The folder of outputs of `poil run`."""
+    """The folder of outputs of `poil run`, with stations that have no label ports."""
 
     def run(folder: Path) -> None:
         folder.mkdir()
-        program = Path(sys.executable).with_name("poil")
-        done = subprocess.run([program, "run"], cwd=folder, capture_output=True, text=True)
+        program = Path(__file__).with_name("poil_without_labels.py")
+        command = [sys.executable, program, "run"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
 
     return make_once("whole_run", run) / "out"

@@ -18,6 +18,9 @@ poil:
 """
 """Makes demonstrations of a few small frames. Further keys of `poil` can be appended."""
 
+LABELLED = f"{SMALL}  detector: label_image\n"
+"""Likewise, with labels in the first frame."""
+
 
 def moved(scenario: Scenario, *, height: float = 0.0, yaw: float = 0.0) -> Scenario:
     """Returns the scenario with robot, table, rack, mug and cameras moved.

@@ -46,7 +46,8 @@ def demo_record(
 
     With --hardware, a live page shows what the cameras see. Enter, space or the button on the page
     start and stop the recording. Ctrl-C stops it, too, and keeps what was recorded. A picture of
-    the recording is drawn beside it.
+    the recording is drawn beside it. The recording is refused if it does not show the object, its
+    part and the fixture as the scenario's detector needs it; the file stays.
     """
     require_hardware(
         hardware,
@@ -68,11 +69,14 @@ def demo_record(
             duration=math.inf if duration is None else duration,
             lossless=lossless,
         )
-        return
-    from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
+    else:
+        from poil_drake.diagrams.run.skill_run import RecordScenarioDemonstration
 
-    frames = RecordScenarioDemonstration(chosen, output)
-    typer.echo(f"recorded {frames} frames to {output}")
+        frames = RecordScenarioDemonstration(chosen, output)
+        typer.echo(f"recorded {frames} frames to {output}")
+    from poil_drake.diagrams.demonstration.checks import CheckRecording
+
+    CheckRecording(output, chosen.poil)
 
 
 @demo_app.command("import")

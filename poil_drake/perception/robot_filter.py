@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from poil_drake.geometry.depth_image import unproject
 from poil_drake.geometry.rigid_transform import transform_points
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.robots.panda import MAX_HAND_WIDTH
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.robots.panda_spheres import make_robot_spheres
 
@@ -23,9 +24,11 @@ def without_robot(
         frame: The views.
         model: The robot, with the pose of its base.
         q: (7,) joint positions at the time of the images [rad].
-        finger_opening: Distance between the finger pads [m].
+        finger_opening: Distance between the finger pads [m]; NaN if it is unknown, which counts as
+            open.
     """
-    spheres = make_robot_spheres(finger_opening=finger_opening)
+    opening = MAX_HAND_WIDTH if np.isnan(finger_opening) else finger_opening
+    spheres = make_robot_spheres(finger_opening=opening)
     centers = spheres.world_centers(model.link_poses(q))
     tree, reach = cKDTree(centers), spheres.radii.max() + _MARGIN
     images = []

@@ -35,6 +35,7 @@ from poil_drake.transfer.progress import Progress
 _SUPPORT_POINTS = 40  # tracked on the object, as in the paper
 _NEAR_FIXTURE = 0.04  # at the end, the object is at most this far from the fixture [m]
 _PIXEL_REACH = 0.006  # of a pixel from the shape [m]
+_THIN_FOOT = 0.01  # root of the summed squares across it, up to which a foot is a line [m]
 _FOOT_HEIGHT = 0.012  # above the table, up to which points surround the foot [m]
 
 
@@ -86,12 +87,14 @@ def find_demonstrated_object(
     found: list[tuple[Masks, DemonstrationTracks]] = []
     failure: TrackingError | None = None
     for masks in moved:
-        points = fuse_views(first, masks).points
-        support = points[farthest_point_sampling(points, min(_SUPPORT_POINTS, len(points)))]
         try:
+            points = fuse_views(first, masks).points
+            support = points[farthest_point_sampling(points, min(_SUPPORT_POINTS, len(points)))]
             tracks = track_demonstration(
                 demonstration, support, masks, tracker=tracker, progress=progress
             )
+        except DetectionError:  # Only edges: noise.
+            continue
         except TrackingError as error:  # A hand, for example, that has left.
             failure = error
             continue
@@ -111,7 +114,10 @@ def find_demonstrated_object(
     end = arrived_masks(
         first, last, transform_points(motion, seen.points), table_height=table_height
     )
-    cloud = _joined(seen, fuse_views(last, end, SHAPE_FUSION), inverse(motion))
+    try:
+        cloud = _joined(seen, fuse_views(last, end, SHAPE_FUSION), inverse(motion))
+    except DetectionError:  # The last frame hides the object.
+        cloud = seen
     at_end = transform_points(motion, cloud.points)
     fixture, distances = _fixture(demonstration, masks, at_end, table_height)
     part = contact_region(cloud.points, distances)
@@ -141,7 +147,7 @@ def _foot(cloud: PointCloud, table_height: float) -> np.ndarray:
     lies would look unlike the demonstrated one.
     """
     low = cloud.points[cloud.points[:, 2] < table_height + _FOOT_HEIGHT, :2]
-    if len(low) < 4:
+    if len(low) < 4 or np.linalg.matrix_rank(low - low.mean(axis=0), tol=_THIN_FOOT) < 2:
         return np.zeros((0, 3))
     steps = [np.arange(x.min(), x.max(), SHAPE_FUSION.voxel_size) for x in low.T]
     grid = np.stack(np.meshgrid(*steps), axis=-1).reshape(-1, 2)
@@ -182,10 +188,10 @@ def _fixture(
         if distances.min() < near.min():
             best, near = points, distances
     if near.min() > _NEAR_FIXTURE:
+        where = f"{100 * near.min():.0f} cm from" if np.isfinite(near.min()) else "without"
         raise DetectionError(
-            f"The object of the demonstration '{demonstration.name}' ends "
-            f"{100 * near.min():.0f} cm from everything else above the table, so its functional "
-            "part cannot be told.",
+            f"The object of the demonstration '{demonstration.name}' ends {where} anything else "
+            "above the table, so its functional part cannot be told.",
             remedy="Check poil.table_height, or name the part with another poil.detector.",
         )
     return best, near

@@ -46,8 +46,8 @@ NO_ROBOT = "{lcm_buses: {robot: {lcm_url: 'memq://'}}, poil: {hardware: {ready_t
         (
             [
                 *("run", "--hardware", "--scenario_text"),
-                "{poil: {hardware: {cameras: {left: !LcmImages {labels: false}, "
-                "right: !LcmImages {labels: false}}}}}",
+                "{poil: {detector: label_image, hardware: {cameras: {"
+                "left: !LcmImages {labels: false}, right: !LcmImages {labels: false}}}}}",
             ],
             "which none of the cameras left, right provides",
         ),

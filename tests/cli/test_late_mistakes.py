@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 from command_line import Command
+from moved_scene import SMALL
 
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.recording.demonstration.demonstration import load_demonstration
@@ -40,7 +41,7 @@ def test_a_part_that_no_camera_sees(command: Command, demonstration: Path, tmp_p
     dut = command("run", "--no-meshcat", "--seed", "0", "--scenario_text", text)
 
     assert dut.status == 1
-    assert "pixels of the part 'handle'" in dut.error
+    assert "In the view of the scene: None of the" in dut.error
     assert f"poil: {_only_output(tmp_path)['reason']}" in dut.error
 
 
@@ -67,11 +68,33 @@ def test_the_error_without_labels_names_what_the_detector_needs(
         for frame in load_demonstration(demonstration).frames[1:3]:
             writer.write(frame)
 
-    dut = command("transfer", "unlabelled.mcap")
+    dut = command("transfer", "unlabelled.mcap", "--detector", "label_image")
 
     assert dut.status == 1
     assert "unlabelled.mcap" in dut.error
     assert "/camera/<name>/label" in dut.error
+
+
+def test_a_demonstration_whose_object_no_camera_sees_is_refused_and_stays(
+    command: Command, tmp_path: Path
+) -> None:
+    away = SMALL + "  demonstration_motion: { hanging: { start: [0.95, 0.6], start_yaw: 90 } }\n"
+
+    dut = command("demo", "record", "-o", "demo.mcap", "--scenario_text", away)
+
+    assert dut.status == 1
+    assert "No objects left their places" in dut.error
+    assert "Record again" in dut.error
+    assert (tmp_path / "demo.mcap").exists()
+
+
+def test_an_unknown_detector_is_named_before_the_scene_is_built(
+    command: Command, demonstration: Path
+) -> None:
+    dut = command("transfer", str(demonstration), "--detector", "magic")
+
+    assert dut.status == 1
+    assert "no part detector 'magic'. Choose from: demonstration, " in dut.error
 
 
 @pytest.mark.parametrize(

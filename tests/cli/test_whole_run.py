@@ -57,6 +57,15 @@ def test_the_outputs_are_complete(whole_run: Path) -> None:
     }
 
 
+def test_no_label_image_is_used(whole_run: Path) -> None:
+    # The stations have no label ports: see the fixture.
+    for file in ("demo.mcap", "run.mcap"):
+        with (whole_run / file).open("rb") as stream:
+            topics = {c.topic for c in make_reader(stream).get_summary().channels.values()}
+        assert "/camera/left/depth" in topics
+        assert not [topic for topic in topics if topic.endswith("/label")]
+
+
 def test_the_time_of_a_run_is_split_into_parts(figures: dict) -> None:
     timing = figures["timing"]
     assert timing["stages"].keys() == {"demonstration", "planning", "execution", "report"}

@@ -28,6 +28,7 @@ from poil_drake.diagrams.run.output_paths import OutputPaths
 from poil_drake.diagrams.run.skill_run import ExecutePlan
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.grasping.execution_plan import ExecutionPlan
+from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.reports.run_summary import RunSummary
 from poil_drake.robots.joint_trajectory import JointTrajectory
 
@@ -44,11 +45,14 @@ def hardware_scenario(
     speed: float = 0.2,
     ready_timeout: float = PATIENCE,
 ) -> Scenario:
-    """Returns the scenario on networks that no other test uses."""
+    """Returns the scenario on networks that no other test uses.
+
+    The detector reads labels, because the plans are for an object that is not in the pictures.
+    """
     hardware = dataclasses.replace(
         scenario.poil.hardware, speed=speed, time_scale=time_scale, ready_timeout=ready_timeout
     )
-    poil = dataclasses.replace(scenario.poil, hardware=hardware)
+    poil = dataclasses.replace(scenario.poil, hardware=hardware, detector=LABEL_IMAGE)
     return with_own_networks(dataclasses.replace(scenario, poil=poil))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hardware_bench import carrying_plan, hardware_scenario
+from labelled_frames import exact_masks
 from python_process import run_python
 from short_skill import POINTS
 
@@ -15,7 +16,6 @@ from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
 from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.grasping.execution_plan import ExecutionPlan
-from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.systems.skill.phases import PHASE_NAMES, Phase
 from poil_drake.transfer.part_points import view_part
 
@@ -27,16 +27,9 @@ assert EXAMPLE.name == "hardware_dry_run.py"
 
 def plan_for(scenario: Scenario) -> ExecutionPlan:
     """Returns a plan of two seconds for the object that the scenario's cameras see."""
-    poil = scenario.poil
     with MakeStation(scenario, ignore_output_delay=True) as station:
         frame = CaptureFrame(station, station.CreateDefaultContext(), labels=True)
-    view = view_part(
-        frame,
-        detector=make_detector(poil.detector),
-        object_label=poil.object,
-        part_label=poil.part,
-        fusion=poil.fusion,
-    )
+    view = view_part(frame, exact_masks(frame), scenario.poil.fusion)
     plan = carrying_plan()
     points = view.part.points[np.linspace(0, len(view.part.points) - 1, len(POINTS), dtype=int)]
     shift = make_transform(np.eye(3), points.mean(axis=0) - POINTS.mean(axis=0))
@@ -57,7 +50,9 @@ def test_a_dry_run_goes_through_the_whole_skill(
     plan_for(scenario).save(tmp_path / "plan.npz")
     file = tmp_path / "scenario.yaml"
     # The driver renders beside the loop: half the pace that the loop alone keeps.
-    file.write_text(DumpScenario(hardware_scenario(scenario, time_scale=time_scale / 2, speed=1.0)))
+    slow = hardware_scenario(scenario, time_scale=time_scale / 2, speed=1.0)
+    poil = dataclasses.replace(slow.poil, detector=scenario.poil.detector)
+    file.write_text(DumpScenario(dataclasses.replace(slow, poil=poil)))
 
     said = run_python(EXAMPLE, tmp_path / "plan.npz", tmp_path / "out", file)
 

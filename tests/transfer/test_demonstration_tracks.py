@@ -9,7 +9,7 @@ from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.perception.tracked_points import TrackedPoints
 from poil_drake.perception.trackers.protocol import TrackerOutput
 from poil_drake.recording.demonstration.demonstration import Demonstration
-from poil_drake.transfer.demonstration_tracks import track_demonstration
+from poil_drake.transfer.demonstration_tracks import DemonstrationTracks, track_demonstration
 
 QUERY = np.arange(12.0).reshape(4, 3)
 X = np.array([1.0, 0.0, 0.0])
@@ -172,3 +172,21 @@ def test_no_frame_is_skipped_where_that_misleads_the_tracker(lose: bool) -> None
 
     assert len(tracks.times) == 33
     np.testing.assert_array_equal(tracks.confidence, 1.0)
+
+
+def test_other_points_of_the_object_are_carried_along() -> None:
+    positions = turning_body(4)
+    confidence = np.full((4, 8), 0.8)
+    confidence[1, :6] = 0.0  # Too few points for a motion.
+    confidence[2, :3] = 0.2
+    tracks = DemonstrationTracks(np.arange(4.0), positions, confidence)
+    other = np.array([[0.0, 0.0, 0.0], [0.0, 0.1, 0.0]])
+
+    dut = tracks.carried(other)
+
+    # The body turns about x by 30 degrees and shifts along x by 0.3 until the last frame.
+    turned = [0.3, 0.1 * np.cos(np.radians(30.0)), 0.1 * np.sin(np.radians(30.0))]
+    np.testing.assert_allclose(dut.positions[3], [[0.3, 0.0, 0.0], turned], atol=1e-9)
+    assert np.isnan(dut.positions[1]).all()
+    np.testing.assert_array_equal(dut.confidence[:, 0], [0.8, 0.0, 0.8, 0.8])
+    np.testing.assert_array_equal(dut.confidence[:, 1], dut.confidence[:, 0])

@@ -1,10 +1,10 @@
 """Transfers a demonstration with one mug to another mug; images are rendered with noise."""
 
-import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+from labelled_frames import exact_masks, labelled
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 from station_state import GetObjectPose
@@ -13,14 +13,12 @@ from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
-from poil_drake.errors import DetectionError, InvalidValueError, TransferError
+from poil_drake.errors import InvalidValueError, TransferError
 from poil_drake.geometry.point_cloud import PointCloud
-from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.images import MultiViewFrame
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 from poil_drake.recording.demonstration.demonstration import Demonstration, load_demonstration
-from poil_drake.recording.demonstration.writer import DemonstrationWriter
 from poil_drake.transfer.alignment.problem import CoarseAlignmentConfig
 from poil_drake.transfer.part_points import PartView, require_similar_size, sample_part_points
 from poil_drake.transfer.pipeline import TransferConfig, TransferResult, transfer
@@ -29,7 +27,6 @@ pytestmark = pytest.mark.render
 
 Scene = tuple[MultiViewFrame, np.ndarray]
 Reported = list[tuple[str, float]]
-OURS = {"detector": LabelImageDetector(), "tracker": RigidFlowTracker()}
 TOLERANT = TransferConfig(alignment=CoarseAlignmentConfig(cost_margin=0.35))
 """All alignments that fit the handle are alternatives, even if they turn the mug upside down."""
 
@@ -44,15 +41,8 @@ def scene(scenario: Scenario) -> Scene:
 
 
 @pytest.fixture(scope="module")
-def recorded(demonstration: Path, tmp_path_factory: pytest.TempPathFactory) -> Demonstration:
-    """The recording with the mug labelled as a cup, without metadata."""
-    path = tmp_path_factory.mktemp("foreign") / "cup.mcap"
-    frames = load_demonstration(demonstration).frames
-    with DemonstrationWriter(path, ["left", "right"], {}) as writer:
-        for frame in frames:
-            renamed = {name.replace("mug", "cup"): ids for name, ids in frame.label_ids.items()}
-            writer.write(dataclasses.replace(frame, label_ids=renamed))
-    return load_demonstration(path)
+def recorded(demonstration: Path, scenario: Scenario) -> Demonstration:
+    return labelled(load_demonstration(demonstration), scenario)
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +56,11 @@ def result(recorded: Demonstration, scene: Scene, reported: Reported) -> Transfe
     return transfer(
         recorded,
         scene[0],
-        object_label="mug",
-        part_label="handle",
-        demonstration_object_label="cup",
+        source_masks=exact_masks(recorded.frames[0]),
+        target_masks=exact_masks(scene[0]),
+        tracker=RigidFlowTracker(),
         config=TOLERANT,
         progress=lambda what, share: reported.append((what, share)),
-        **OURS,
     )
 
 
@@ -134,26 +123,6 @@ def test_the_progress_of_every_stage_rises_to_one(
         first = shares[: shares.index(1.0) + 1]
         assert first == sorted(first)
         assert shares[-1] == 1.0
-
-
-@pytest.mark.parametrize(
-    ("changed", "says"),
-    [
-        ({}, "first frame of the demonstration '.*cup.mcap': .* no render label .* object 'mug'"),
-        ({"demonstration_object_label": "cup", "part_label": "spout"}, "the part 'spout' of 'cup'"),
-        (
-            {"demonstration_object_label": "cup", "object_label": "teapot"},
-            "In the view of the scene: The frame has no render label for the object 'teapot'",
-        ),
-    ],
-)
-def test_errors_name_the_images_in_which_a_detection_failed(
-    recorded: Demonstration, scene: Scene, changed: dict[str, str], says: str
-) -> None:
-    labels = {"object_label": "mug", "part_label": "handle"} | changed
-
-    with pytest.raises(DetectionError, match=says):
-        transfer(recorded, scene[0], **labels, **OURS)
 
 
 def test_rejects_more_points_than_are_visible() -> None:

@@ -33,6 +33,8 @@ from poil_drake.transfer.demonstrated_object import find_demonstrated_object
 _RIGHT = 0.01  # largest distance between centroids of the part, as found and as it is seen [m]
 _LEAST_PIXELS = 60  # with fewer pixels of the part in all views, a refusal is due
 
+_SCENES_PER_WORKER = 20  # the renderers of many scenes fill the memory
+
 VERDICTS = ("right", "rightly refused", "refused", "wrong")
 
 
@@ -79,7 +81,13 @@ def run_detection_benchmark(
     """
     arguments = [(seed, hidden) for seed in range(first_seed, first_seed + scenes)]
     results: list[Detection] = []
-    ends = run_trials(judge_scene, arguments, shared=(_recorded_demonstration(),), jobs=jobs)
+    ends = run_trials(
+        judge_scene,
+        arguments,
+        shared=(_recorded_demonstration(),),
+        jobs=jobs,
+        trials_per_worker=_SCENES_PER_WORKER,
+    )
     with closing(ends), OneLineTqdm(total=scenes, desc="scenes") as bar:
         for _, end in ends:
             if isinstance(end, LostTrial):
@@ -102,10 +110,11 @@ def judge_scene(demonstration: bytes, seed: int, hidden: bool) -> list[Detection
         DEMONSTRATION: _demonstration_detector(demonstration),
         LABEL_IMAGE: LabelImageDetector(),
     }
-    return [_judge(name, detector, scene, seed) for name, detector in detectors.items()]
+    return [judge_detector(name, detector, scene, seed) for name, detector in detectors.items()]
 
 
-def _judge(name: str, detector: Detector, scene: DetectionScene, seed: int) -> Detection:
+def judge_detector(name: str, detector: Detector, scene: DetectionScene, seed: int) -> Detection:
+    """Returns what a detector finds in one scene."""
     error, reason, start = np.nan, "", perf_counter()
     try:
         found = detector.detect(scene.frame, object_label="mug", part_label="handle")

@@ -1,15 +1,22 @@
-"""Checks that a simulated demonstration is possible, and that its cameras see the part."""
+"""Checks that a demonstration is possible, and that its cameras see the part."""
+
+from pathlib import Path
 
 import numpy as np
 
 from poil_drake.diagrams.demonstration.motion import KeyframeMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
+from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.scenario.penetrations import START_TOLERANCE
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.errors import DetectionError, ScenarioError, TransferError
 from poil_drake.geometry.depth_image import pixel_size
 from poil_drake.perception.detectors.label_image import LabelImageDetector
+from poil_drake.perception.detectors.registry import DEMONSTRATION
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.recording.demonstration.demonstration import load_demonstration
+from poil_drake.reports.progress import ProgressBar
+from poil_drake.transfer.demonstrated_object import find_demonstrated_object
 from poil_drake.transfer.part_points import sample_part_points, view_part
 
 
@@ -88,6 +95,23 @@ def CheckView(frame: MultiViewFrame, poil: PoilConfig) -> None:
             remedy="Turn or move the object by poil.demonstration_motion, move a camera (X_PB), or "
             "give the cameras more pixels (width and height).",
         ) from error
+
+
+def CheckRecording(path: Path, poil: PoilConfig) -> None:
+    """Checks that a finished recording shows object, part and fixture as the detector needs it.
+
+    Raises:
+        DetectionError: if they cannot be found.
+        TrackingError: if the tracker loses the object.
+    """
+    if poil.detector == DEMONSTRATION:
+        with ProgressBar() as progress:
+            find_demonstrated_object(
+                load_demonstration(path),
+                table_height=poil.table_height,
+                tracker=MakeScenarioTracker(poil),
+                progress=progress,
+            )
 
 
 def _text(pose: np.ndarray) -> str:

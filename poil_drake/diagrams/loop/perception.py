@@ -34,9 +34,6 @@ from poil_drake.systems.tracking.point_tracker import PointTracker
 _SOONEST = 0.9
 """Least time between tracked images, in tracker periods; below 1 because cameras jitter."""
 
-_PART_REACH = 0.004
-"""A point of the object this near to the part belongs to it [m]: the clouds' voxels differ."""
-
 _DEFAULT_TRACKER = "rigid_flow"
 """The tracker for demonstrations if `poil.tracker` is the ground-truth baseline."""
 
@@ -100,12 +97,18 @@ def MakeRunDetector(poil: PoilConfig, plan: ExecutionPlan) -> Detector:
     """Returns the detector that finds a plan's object at the start of a run and during it.
 
     Where the demonstration or a person showed the object, it is searched by its shape in the plan.
+
+    Raises:
+        InvalidValueError: if `poil.detector` is not a known name.
+        MissingDependencyError: if a model that it needs is missing.
     """
     if poil.detector not in (DEMONSTRATION, BY_HAND):
         return make_detector(poil.detector, poil.detector_config, table_height=poil.table_height)
     points = plan.object_points
     cloud = PointCloud(points, pca_normals(points, np.arange(len(points))))
-    part = cKDTree(plan.part_points).query(points)[0] < _PART_REACH
+    # The object's cloud is coarser than the part's, so its points lie beside the part's.
+    to_part = cKDTree(plan.part_points).query(points)[0]
+    part = to_part <= max(poil.fusion.coarser().voxel_size, to_part.min())
     return KnownShapeDetector(
         KnownShape(cloud, part, np.zeros(len(points), dtype=bool)),
         table_height=poil.table_height,

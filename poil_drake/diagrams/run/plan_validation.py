@@ -5,13 +5,15 @@ from scipy.spatial import cKDTree
 
 from poil_drake.diagrams.loop.perception import MakeRunDetector
 from poil_drake.diagrams.scenario.scenario import GROUND_TRUTH, Scenario
-from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, Station
+from poil_drake.diagrams.station.station import (
+    CaptureFrame,
+    MakeStation,
+    Station,
+    WithoutRobot,
+)
 from poil_drake.errors import PlanningError
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.perception.detectors.registry import LABEL_IMAGE
-from poil_drake.perception.robot_filter import without_robot
-from poil_drake.robots.panda import MAX_HAND_WIDTH
-from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.transfer.part_points import view_part
 
 _JOINT_TOLERANCE = 0.01
@@ -84,9 +86,8 @@ def _check_object(plan: ExecutionPlan, station: Station) -> None:
     poil = station.scenario.poil
     context = station.CreateDefaultContext()
     frame = CaptureFrame(station, context, labels=poil.detector == LABEL_IMAGE)
-    model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
     masks = MakeRunDetector(poil, plan).detect(
-        without_robot(frame, model, station.ArmPosition(context), MAX_HAND_WIDTH),
+        WithoutRobot(station, context, frame),
         object_label=poil.object,
         part_label=poil.part,
     )

@@ -11,16 +11,19 @@ from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.run.detection import DetectParts
 from poil_drake.diagrams.scenario.poil_config import PoilConfig
 from poil_drake.diagrams.scenario.scenario import Scenario
-from poil_drake.diagrams.station.station import CaptureFrame, MakeStation, RequireFreeStart
+from poil_drake.diagrams.station.station import (
+    CaptureFrame,
+    MakeStation,
+    RequireFreeStart,
+    WithoutRobot,
+)
 from poil_drake.grasping.execution_plan import ExecutionPlan
 from poil_drake.grasping.grasp_motions import WorkspaceCheck
 from poil_drake.grasping.planner import PlannerConfig, plan_execution
-from poil_drake.perception.detectors.registry import LABEL_IMAGE
+from poil_drake.perception.detectors.registry import LABEL_IMAGE, require_detector
 from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.plausibility import check_plausible
-from poil_drake.perception.robot_filter import without_robot
 from poil_drake.recording.demonstration.demonstration import load_demonstration
-from poil_drake.robots.panda import MAX_HAND_WIDTH
 from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.worker_executor import WorkerExecutor
 from poil_drake.transfer.pipeline import TransferConfig, transfer
@@ -54,6 +57,7 @@ def PlanScenario(
     poil = scenario.poil
     recorded = load_demonstration(demonstration)
     recorded.check_plausible(table_height=poil.table_height)
+    require_detector(poil.detector, poil.detector_config)
     tracker = MakeScenarioTracker(poil)
     with WorkerExecutor("poil_drake.grasping.planner", "torch") as worker:
         with MakeStation(
@@ -62,6 +66,7 @@ def PlanScenario(
             RequireFreeStart(station)
             context = station.CreateDefaultContext()
             frame = CaptureFrame(station, context, labels=poil.detector == LABEL_IMAGE)
+            seen = WithoutRobot(station, context, frame)
             q_start = station.ArmPosition(context)
         model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
         planner = _planner_config(poil)
@@ -70,13 +75,7 @@ def PlanScenario(
         check_plausible(frame, table_height=poil.table_height)
         everything = tuple(np.ones(image.depth.shape, dtype=bool) for image in frame.images)
         scene = worker.submit(fuse_views, frame, everything, poil.fusion.coarser())
-        found = DetectParts(
-            poil,
-            recorded,
-            without_robot(frame, model, q_start, MAX_HAND_WIDTH),
-            tracker=tracker,
-            progress=progress,
-        )
+        found = DetectParts(poil, recorded, seen, tracker=tracker, progress=progress)
         transferred = transfer(
             recorded,
             frame,

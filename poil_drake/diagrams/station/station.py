@@ -18,6 +18,8 @@ from poil_drake.diagrams.station.station_models import PrefinalizeCallback
 from poil_drake.errors import ScenarioError, StationError
 from poil_drake.perception.detectors.registry import LABEL_IMAGE
 from poil_drake.perception.images import MultiViewFrame
+from poil_drake.perception.robot_filter import without_robot
+from poil_drake.robots.panda_kinematics import PandaModel
 from poil_drake.runtime.stopwatch import Stopwatch
 
 
@@ -166,6 +168,19 @@ def CaptureFrame(station: Station, context: Context, *, labels: bool = False) ->
         images=images,
         label_ids=dict(station.label_ids) if labelled else {},
     )
+
+
+def WithoutRobot(station: Station, context: Context, frame: MultiViewFrame) -> MultiViewFrame:
+    """Returns a frame that the station captured, without depth where it shows the robot.
+
+    Args:
+        station: The station.
+        context: The station's own context, at the time of the frame.
+        frame: The frame.
+    """
+    model = PandaModel(X_WB=station.robot_base_pose().GetAsMatrix4())
+    opening = float(station.GetOutputPort("hand.width_measured").Eval(context)[0])
+    return without_robot(frame, model, station.ArmPosition(context), opening)
 
 
 def CaptureScene(scenario: Scenario, *, hardware: bool = False) -> MultiViewFrame:

@@ -66,8 +66,8 @@ class PartDetector(LeafSystem):
     `request` (1,) is a counter: when it increases, the next capture starts a new search. It is
     optional; NaN requests nothing. `position_measured` (7,) [rad] and `width_measured` (1,) [m] are
     the robot's; if they are connected, the robot is removed from the depth images before the
-    search. If label images are connected, a capture waits until all of them have pixels. Every
-    output is a function of the state alone:
+    search, and a capture waits until the position is known. If label images are connected, a
+    capture waits until all of them have pixels. Every output is a function of the state alone:
 
     - `part_cloud`: a `PointCloud` [m, world]; `ABSENT` until the part is first found.
     - `masks`: `PartMasks`; `ABSENT` until the part is first found. Each successful search gives a
@@ -150,11 +150,10 @@ class PartDetector(LeafSystem):
         return before if np.isnan(request) else float(request)
 
     def _posture(self, context: Context) -> tuple[np.ndarray, float] | None:
-        """Returns the robot's joint positions [rad] and its fingers' opening [m], if known."""
+        """Returns the robot's joint positions [rad] and its fingers' opening [m], if connected."""
         if not (self._position.HasValue(context) and self._width.HasValue(context)):
             return None
-        q, width = self._position.Eval(context).copy(), float(self._width.Eval(context)[0])
-        return (q, width) if np.all(np.isfinite([*q, width])) else None
+        return self._position.Eval(context).copy(), float(self._width.Eval(context)[0])
 
     def _wanted(self, context: Context, previous: Captured | None) -> bool:
         if previous is not None and previous.time > self._detections.capture_time(context):
@@ -165,7 +164,8 @@ class PartDetector(LeafSystem):
     def _begin(
         self, context: Context, state: State, previous: Captured | None
     ) -> Callable[[], Detection] | None:
-        if self._cameras.labels_empty(context):
+        posture = self._posture(context)
+        if self._cameras.labels_empty(context) or (posture and np.isnan(posture[0]).any()):
             return None
         with self._stopwatch.measure("capture"):
             frame = self._cameras.capture(context)
@@ -173,7 +173,6 @@ class PartDetector(LeafSystem):
             return None
         state.get_mutable_abstract_state(self._frame).set_value(frame)
         before, request = self._detections.result(context), self._requested(context)
-        posture = self._posture(context)
 
         def find() -> Detection:
             try:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from bare_mugs import write_bare_mug
-from moved_scene import SMALL, moved
+from moved_scene import LABELLED, SMALL, moved
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario
@@ -50,7 +50,7 @@ def keyframes(*heights: float) -> str:
 )
 def test_an_impossible_demonstration_is_refused(changes, problem, remedy, tmp_path):
     with pytest.raises(ScenarioError, match=problem) as info:
-        RecordDemonstration(ChooseScenario(data=SMALL + changes), tmp_path / "demo.mcap")
+        RecordDemonstration(ChooseScenario(data=LABELLED + changes), tmp_path / "demo.mcap")
 
     assert remedy in info.value.remedy
     assert not (tmp_path / "demo.mcap").exists()
@@ -69,7 +69,7 @@ def test_an_object_too_large_for_the_fixture_is_refused(tmp_path):
 @pytest.mark.parametrize("size", [(96, 72), (64, 48)])
 def test_images_that_are_too_coarse_are_refused(size, tmp_path):
     width, height = size
-    coarse = SMALL.replace("320", str(width)).replace("240", str(height))
+    coarse = LABELLED.replace("320", str(width)).replace("240", str(height))
 
     with pytest.raises(ScenarioError, match=r"'left' \(\d+\.\d mm for each pixel\)") as info:
         RecordDemonstration(ChooseScenario(data=coarse), tmp_path / "demo.mcap")
@@ -79,7 +79,7 @@ def test_images_that_are_too_coarse_are_refused(size, tmp_path):
 
 @pytest.mark.parametrize(("height", "yaw"), [(0.75, 0.0), (0.3, 135.0)])
 def test_a_scene_elsewhere_in_the_world_is_recorded(height, yaw, tmp_path):
-    scenario = moved(LoadScenario(data=SMALL, defaults=ChooseScenario()), height=height, yaw=yaw)
+    scenario = moved(LoadScenario(data=LABELLED, defaults=ChooseScenario()), height=height, yaw=yaw)
 
     RecordDemonstration(scenario, tmp_path / "demo.mcap")
 

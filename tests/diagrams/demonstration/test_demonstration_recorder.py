@@ -2,7 +2,7 @@ from importlib.metadata import version
 
 import numpy as np
 import pytest
-from moved_scene import SMALL
+from moved_scene import LABELLED, SMALL
 
 from poil_drake.diagrams.demonstration.recorder import RecordDemonstration
 from poil_drake.diagrams.scenario.load import ChooseScenario, LoadScenario, default_scenario_file
@@ -16,7 +16,7 @@ pytestmark = pytest.mark.render
 def recording(tmp_path_factory):
     path = tmp_path_factory.mktemp("recorder") / "demo.mcap"
     progress = []
-    small = ChooseScenario(data=SMALL)
+    small = ChooseScenario(data=LABELLED)
     count = RecordDemonstration(small, path, progress=lambda *step: progress.append(step))
     return path, count, progress
 
@@ -41,7 +41,7 @@ def test_the_scenario_and_the_versions_are_in_the_file(recording, tmp_path):
 
     (tmp_path / "scenario.yaml").write_text(dut.scenario_text)
     again = LoadScenario(filename=tmp_path / "scenario.yaml")
-    assert again.poil == ChooseScenario(data=SMALL).poil
+    assert again.poil == ChooseScenario(data=LABELLED).poil
     assert again.cameras["right"].width == 320
     assert again.source.name == dut.metadata["scenario"] == "HangMug"
     assert dut.metadata["scenario_file"] == str(default_scenario_file())
@@ -79,21 +79,32 @@ def test_depth_has_the_sensors_noise(dut):
 
 
 def test_the_same_scenario_gives_the_same_file(recording, tmp_path):
-    RecordDemonstration(ChooseScenario(data=SMALL), tmp_path / "again.mcap")
+    RecordDemonstration(ChooseScenario(data=LABELLED), tmp_path / "again.mcap")
 
     assert (tmp_path / "again.mcap").read_bytes() == recording[0].read_bytes()
 
 
-def test_keyframes_can_be_given(tmp_path):
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Two seconds with the scenario's detector, which needs no labels."""
     keyframes = """
   demonstration_motion:
     keyframes:
     - { time: 0, translation: [0.45, -0.1, 0.0] }
     - { time: 2, translation: [0.45, 0.0, 0.1], rpy: [0, 0, 90] }
 """
-    count = RecordDemonstration(ChooseScenario(data=SMALL + keyframes), tmp_path / "demo.mcap")
+    path = tmp_path_factory.mktemp("short") / "demo.mcap"
+    RecordDemonstration(ChooseScenario(data=SMALL + keyframes), path)
+    return load_demonstration(path)
 
-    assert count == 3
+
+def test_keyframes_can_be_given(short):
+    np.testing.assert_array_equal(short.stamps, np.arange(3.0))
+
+
+def test_without_the_label_detector_nothing_is_labelled(short):
+    assert not short.frames[0].label_ids
+    assert all(image.label is None for frame in short.frames for image in frame.images)
 
 
 def test_cameras_are_needed(tmp_path):

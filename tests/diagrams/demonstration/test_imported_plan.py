@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from labelled_frames import exact_masks, labelled
 from ros_bags import (
     RosRecording,
     camera_info,
@@ -18,7 +19,6 @@ from ros_bags import (
 from poil_drake.diagrams.loop.perception import MakeScenarioTracker
 from poil_drake.diagrams.scenario.scenario import Scenario
 from poil_drake.diagrams.station.station import CaptureFrame, MakeStation
-from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 from poil_drake.recording.demonstration.demonstration import load_demonstration
 from poil_drake.recording.demonstration.writer import DemonstrationWriter
@@ -63,11 +63,9 @@ def transferred(path: Path, scene: MultiViewFrame, scenario: Scenario) -> Matchi
     return transfer(
         demonstration,
         scene,
-        detector=make_detector(scenario.poil.detector),
+        source_masks=exact_masks(demonstration.frames[0]),
+        target_masks=exact_masks(scene),
         tracker=MakeScenarioTracker(scenario.poil),
-        object_label=scenario.poil.object,
-        part_label=scenario.poil.part,
-        demonstration_object_label=scenario.poil.demonstration_object_label,
     ).matchings[0]
 
 
@@ -77,7 +75,8 @@ def test_a_bag_with_lenses_and_compressed_depth_is_transferred_alike(
     demonstration: Path, scenario: Scenario, tmp_path: Path
 ) -> None:
     # The camera "right" has a lens, and sends compressed images.
-    recorded, bag = load_demonstration(demonstration), RosRecording(start=0)
+    recorded = labelled(load_demonstration(demonstration), scenario)
+    bag = RosRecording(start=0)
     for model in recorded.cameras:
         frame = f"{model.name}_color_optical_frame"
         bag.add("/tf_static", 0, transforms(START * 10**9, ("panda_link0", frame, model.X_WC)))

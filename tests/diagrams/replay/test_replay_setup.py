@@ -204,7 +204,6 @@ def with_images(path: Path, *, station: str, tracked: bool = True) -> Path:
         for name in ("left", "right"):
             log.write_image(name, np.zeros((480, 640, 3), np.uint8), time=0.0)
             log.write_depth(name, np.ones((480, 640), np.float32), time=0.0)
-            log.write_label(name, np.ones((480, 640), np.int16), time=0.0)
         log.write_calibration(camera, time=0.0)
         if tracked:
             log.write_points("tracked", np.eye(3), time=0.0, confidence=np.ones(3), exact=True)
@@ -220,6 +219,13 @@ def test_detector_times_are_needed_only_to_detect_again(tmp_path: Path) -> None:
 
     assert "--tracker recorded" in caught.value.remedy
     assert SetUpReplay(path, tracker=RECORDED).tracker == RECORDED
+
+
+def test_labels_are_needed_only_by_the_detector_that_reads_them(tmp_path: Path) -> None:
+    path = with_images(tmp_path / "run.mcap", station="hardware")
+
+    with pytest.raises(RunLogError, match="holds no label images of the camera 'left'"):
+        SetUpReplay(path, scenario_text="{poil: {detector: label_image}}")
 
 
 def test_unknown_times_are_noted(tmp_path: Path) -> None:

@@ -1,11 +1,9 @@
 import numpy as np
 import pytest
 
-from poil_drake.errors import DetectionError, InvalidValueError
-from poil_drake.perception.detectors.by_name.config import NamedDetectorConfig, OpenAiServer
+from poil_drake.errors import DetectionError
 from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.detectors.protocol import PartMasks
-from poil_drake.perception.detectors.registry import make_detector
 from poil_drake.perception.images import CameraModel, MultiViewFrame, RgbdImage
 
 SIZE = (12, 16)
@@ -92,24 +90,3 @@ def test_fewer_coarse_pixels_are_enough() -> None:
     assert detect([label_image(15)], camera=COARSE).part_masks[0].sum() == 15
     with pytest.raises(DetectionError, match=r"14 pixels.* 15 are needed"):
         detect([label_image(10), label_image(4)], camera=COARSE)
-
-
-def test_detectors_are_made_by_name() -> None:
-    assert isinstance(make_detector("label_image"), LabelImageDetector)
-
-
-def test_detection_by_name_needs_its_configuration() -> None:
-    config = NamedDetectorConfig(finder=OpenAiServer())
-
-    with pytest.raises(InvalidValueError, match=r"OpenAiServer\.model is empty"):
-        make_detector("by_name", config)
-
-
-def test_the_detector_of_demonstrations_is_not_made_by_name() -> None:
-    with pytest.raises(InvalidValueError, match="'demonstration' knows no names"):
-        make_detector("demonstration")
-
-
-def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(InvalidValueError, match=r"'owl'.*label_image"):
-        make_detector("owl")

@@ -7,9 +7,12 @@ from system_bench import SystemBench
 
 from poil_drake.errors import DetectionError
 from poil_drake.geometry.depth_image import DepthMaskConfig
+from poil_drake.geometry.rigid_transform import make_transform
 from poil_drake.perception.detectors.protocol import PartMasks
 from poil_drake.perception.fusion import FusionConfig, fuse_views
 from poil_drake.perception.images import CameraModel, MultiViewFrame
+from poil_drake.robots.panda_kinematics import PandaModel
+from poil_drake.robots.panda_spheres import GRIPPER_LINK
 from poil_drake.systems.absent import ABSENT
 from poil_drake.systems.capture_timing import Worker
 from poil_drake.systems.detection.part_detector import PartDetector
@@ -36,6 +39,7 @@ class MiddleDetector:
 
     def detect(self, frame: MultiViewFrame, *, object_label: str, part_label: str) -> PartMasks:
         self.go.wait()
+        self.depth = frame.images[0].depth
         self.calls.append((frame.stamp, object_label, part_label))
         if frame.images[0].rgb[12, 16].max() < 50:
             raise DetectionError("It is dark.", remedy="Light a lamp.")
@@ -207,3 +211,39 @@ def test_the_frame_and_the_times_of_a_late_search_are_outputs(
     assert bench.read("status") == DetectorStatus.FOUND
     assert bench.read("times").tolist() == [0.0, 3 * PERIOD, 0.0]
     assert detector.searches == [0.0]
+
+
+@pytest.fixture
+def robot() -> PandaModel:
+    """A robot whose palm is where the camera sees the middle of the wall."""
+    palm = PandaModel().link_poses(np.zeros(7))[GRIPPER_LINK] @ [0.0, 0.0, -0.08, 1.0]
+    middle = 0.5 * np.linalg.solve(CAMERA.K, [W / 2, H / 2, 1.0])
+    return PandaModel(X_WB=make_transform(np.eye(3), middle - palm[:3]))
+
+
+def test_the_robot_is_removed_before_the_search(
+    detector: MiddleDetector, robot: PandaModel
+) -> None:
+    bench = make_bench(detector, robot=robot)
+    bench.fix(position_measured=np.zeros(7), width_measured=0.08)
+
+    bench.advance_to(PERIOD / 2)
+
+    assert detector.depth[H // 2, W // 2] == 0.0
+    # The wall beside the robot, which is also what the masks select, stays.
+    assert detector.depth[2, 2] == 0.5
+    assert len(bench.read("part_cloud")) == 16 * 20
+
+
+def test_a_search_waits_until_the_robots_position_is_known(
+    detector: MiddleDetector, robot: PandaModel
+) -> None:
+    bench = make_bench(detector, robot=robot)
+    bench.fix(position_measured=np.full(7, np.nan), width_measured=np.nan)
+    bench.advance_to(1.5 * PERIOD)
+    assert detector.searches == []
+
+    bench.fix(position_measured=np.zeros(7))
+    bench.advance_to(2.5 * PERIOD)
+
+    assert detector.searches == [2 * PERIOD]

@@ -27,9 +27,9 @@ def threads(monkeypatch: pytest.MonkeyPatch) -> dict[str, SimpleNamespace]:
     return made
 
 
-def make_station(cameras: str = "") -> Station:
+def make_station(cameras: str = "", *, detector: str = "label_image") -> Station:
     text = f"{{{_NETWORKS}, poil: {{hardware: {{cameras: {{{cameras}}}}}}}}}"
-    return MakeStation(ChooseScenario(data=text), hardware=True)
+    return MakeStation(ChooseScenario(data=text, detector=detector), hardware=True)
 
 
 def image(age: float) -> RgbdImage:
@@ -86,6 +86,12 @@ def test_cameras_without_labels_are_refused(source: str) -> None:
 
     with pytest.raises(ScenarioError, match=r"cameras left, right provides.*!LcmImages.*!Mcap"):
         RequireLabels(dut)
+
+
+def test_a_detector_that_reads_no_labels_needs_none() -> None:
+    source = "!LcmImages {labels: false}"
+
+    RequireLabels(make_station(f"left: {source}, right: {source}", detector="demonstration"))
 
 
 def test_labels_of_one_camera_are_enough() -> None:

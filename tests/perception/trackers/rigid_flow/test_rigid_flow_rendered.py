@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
+from labelled_frames import exact_masks
 
 from poil_drake.diagrams.demonstration.recorder import MakeDemonstrationMotion
 from poil_drake.diagrams.demonstration.scene import DemonstrationScene
 from poil_drake.diagrams.scenario.load import ChooseScenario
 from poil_drake.geometry.point_cloud import farthest_point_sampling
 from poil_drake.geometry.rigid_transform import inverse, transform_points
-from poil_drake.perception.detectors.label_image import LabelImageDetector
 from poil_drake.perception.fusion import fuse_views
 from poil_drake.perception.trackers.rigid_flow.tracker import RigidFlowTracker
 
@@ -20,7 +20,7 @@ def test_tracks_the_handle_through_the_built_in_demonstration():
     times = np.arange(0.0, motion.duration, 1 / 8)
     scene.put_object(motion.pose(0.0))
     first = scene.capture(0.0, labels=True)
-    seen = LabelImageDetector().detect(first, object_label="mug", part_label="handle")
+    seen = exact_masks(first)
     cloud = fuse_views(first, seen.part_masks).points
     points = cloud[farthest_point_sampling(cloud, 10)]
     dut = RigidFlowTracker()
