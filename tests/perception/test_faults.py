@@ -24,10 +24,10 @@ from poil_drake.perception.images import MultiViewFrame, RgbdImage
 EMPTY_LABEL = 32767
 
 
-def inject(*faults: Fault, frames: int = 4, **kwargs: bool) -> list[MultiViewFrame]:
+def inject(*faults: Fault, frames: int = 4, labelled: bool = False) -> list[MultiViewFrame]:
     """The frames at 0, 1/8, 2/8 ... s with the faults."""
     dut = FaultInjector(faults, object_label="mug")
-    return [dut.apply(make_frame(index, **kwargs)) for index in range(frames)]
+    return [dut.apply(make_frame(index, labelled=labelled)) for index in range(frames)]
 
 
 def shown(frames: list[MultiViewFrame], view: int = 0) -> list[int]:
@@ -51,8 +51,8 @@ def flat(*, depth: float = 0.6, label: int = 3) -> MultiViewFrame:
     return MultiViewFrame(like.cameras, (plane,), like.label_ids)
 
 
-def inject_flat(fault: Fault, **kwargs: float) -> RgbdImage:
-    return FaultInjector([fault], object_label="mug").apply(flat(**kwargs)).images[0]
+def inject_flat(fault: Fault, depth: float = 0.6) -> RgbdImage:
+    return FaultInjector([fault], object_label="mug").apply(flat(depth=depth)).images[0]
 
 
 def test_dropped_frames_keep_the_last_image_and_its_stamp() -> None:
