@@ -18,11 +18,11 @@ def push(plan_file: str, force: float) -> float:
     scenario = poil.LoadScenario(
         filename=poil.default_scenario_file(), data="{poil: {tracker: ground_truth}}"
     )
-    pulse = Pulse(body="panda::panda_link7", start=10.7, duration=0.3, force=(0.0, force, 0.0))
+    pulse = Pulse(body="panda::panda_link7", start=10.1, duration=0.3, force=(0.0, force, 0.0))
     plan = poil.ExecutionPlan.load(plan_file)
     with poil.MakeClosedLoop(scenario, plan, disturbances=[pulse]) as loop:
         simulator = Simulator(loop.diagram)
-        simulator.AdvanceTo(10.85)  # When the push is strongest.
+        simulator.AdvanceTo(10.25)  # When the push is strongest.
         context = loop.controller.GetMyContextFromRoot(simulator.get_context())
         return float(loop.controller.GetOutputPort("goal_error").Eval(context)[0])
 

@@ -137,7 +137,8 @@ def _track(
         speed = shift.max() / (stamps[k] - samples[-1][0]) if enough and shift.size else np.inf
         samples.append((frame.stamp, points.positions, confidence))
         if progress is not None:
-            progress("tracking the demonstration", k / last)
+            frames_used = "the demonstration" if skip else "every frame of the demonstration"
+            progress(f"tracking {frames_used}", k / last)
     times, positions, confidence = (np.array(column) for column in zip(*samples, strict=True))
     positions[confidence <= 0.0] = np.nan
     return DemonstrationTracks(times - times[0], positions, confidence)

@@ -31,4 +31,4 @@ def test_an_unknown_name_lists_the_known_ones() -> None:
     with pytest.raises(InvalidValueError, match="'owl'") as info:
         require_detector("owl")
 
-    assert info.value.remedy == "Choose from: demonstration, by_name, label_image."
+    assert info.value.remedy == "Choose from: demonstration, by_hand, by_name, label_image."
